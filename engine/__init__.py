@@ -1,0 +1,1 @@
+"""The simulation engine: thin structures, liquids, and the loop that runs a scene."""

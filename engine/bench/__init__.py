@@ -1,0 +1,1 @@
+"""Component and scene benchmarks: medians, bandwidth share, scaling, peers."""

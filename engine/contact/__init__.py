@@ -1,0 +1,1 @@
+"""Contact of thin structures with obstacles."""

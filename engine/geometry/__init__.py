@@ -1,0 +1,1 @@
+"""Signed distances, frames and crossings; knows no physics."""

@@ -1,0 +1,1 @@
+"""Sparse linear algebra on small dense blocks; knows no physics."""

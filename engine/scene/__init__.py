@@ -1,0 +1,1 @@
+"""What a scene may say, and how it becomes models and states."""

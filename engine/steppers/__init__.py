@@ -1,0 +1,1 @@
+"""One function per method, each reading as the algorithm of its paper."""

@@ -1,0 +1,1 @@
+"""The catalogue of validation cases: error, seconds, order and bar of each."""

@@ -1,0 +1,1 @@
+"""Eulerian-on-Lagrangian rods with EoL and EIL nodes (Sánchez-Banderas 2020)."""

@@ -1,0 +1,1 @@
+"""The job service: REST API, queue, workers, command line."""

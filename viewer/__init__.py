@@ -1,0 +1,1 @@
+"""Pictures of the state: live in the browser and recorded."""
