@@ -1,0 +1,22 @@
+"""Numerical settings of the yarn method, all of them knobs of speed against error."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class YarnSettings:
+    """Knobs of one implicit Euler step of Eulerian-on-Lagrangian rods."""
+
+    safety_distance: float = 0.1  # EoL nodes keep this far apart, in rest segments (Sánchez-Banderas 2020, sec. 4.1)
+    constraint_factor: float = 100.0  # k_c of EIL contacts over k_s / rest segment (sec. 4.2 uses 1000)
+    friction_factor: float = 1.0  # stiffness of friction anchors over k_s / rest segment
+    obstacle_factor: float = 1.0  # stiffness of obstacle contact over k_s / rest segment
+    tolerance: float = 1e-3  # residual force that ends Newton, relative to the force scale of the step
+    max_newton: int = 30  # iterations after which the step is tried again with half the size
+    linear_tolerance: float = 1e-2  # relative residual of the linear solve inside Newton
+    max_linear: int = 2000  # iterations of the linear solve
+    gauge: float = 1e-5  # viscous hold of u over h k_s / rest segment, for the null modes of parallel contact
+    eil: bool = True  # replace offending EoL nodes; off only to show what then fails
+    optimal_transition: bool = False  # move u at transitions as Appendix A of Sánchez-Banderas 2020 says
+    separation_steps: int = 3  # successive pulling steps after which a contact between fabrics is removed
+    separation_force: float = 0.0  # pull that counts as pulling [N]
