@@ -1,0 +1,22 @@
+"""The web application: REST API, pages, and the checks in front of both."""
+
+from fastapi import FastAPI
+
+from service import api, pages, problems, recordings
+from service.security import Guard
+from service.server import Service
+
+
+def create_app(service: Service) -> FastAPI:
+    """Return the application that answers for `service`."""
+    app = FastAPI(
+        title="Strandline", version="1", docs_url=None, redoc_url=None, openapi_url="/openapi.json",
+        description="Simulates yarns as jobs: submit a scene, follow it, fetch frames, recording and report.")
+    app.state.service = service
+    app.include_router(api.router)
+    app.include_router(api.health)
+    app.include_router(pages.router)
+    app.include_router(recordings.router)
+    problems.install(app)
+    app.add_middleware(Guard, token=service.token)
+    return app
