@@ -1,0 +1,58 @@
+"""Benchmark results as one HTML page: per benchmark a table and a plot of seconds against size."""
+
+from html import escape
+
+from engine.validate.html import number, page, table
+from engine.validate.plot import Series, loglog
+
+_COLUMNS = [
+    "case", "size", "seconds", "throughput", "unit", "bandwidth_share", "peer", "peer_seconds", "ratio", "error",
+]
+
+
+def bench_page(results: list[dict]) -> str:
+    """Return the page for the results of `engine.bench.suite.run`, self-contained."""
+    lead = ["Medians of repeated runs."]
+    if results:
+        machine = results[0]["machine"]
+        lead.append(
+            f"{machine['cpu']}, {machine['threads']} threads, "
+            f"{machine['bandwidth_bytes_per_s'] / 1e9:.1f} GB/s measured by a triad"
+        )
+    return page("Strandline benchmarks", lead, [_section(result) for result in results])
+
+
+def _section(result: dict) -> str:
+    name = escape(result["name"], quote=True)
+    details = list(dict.fromkeys(key for row in result["rows"] for key in row["details"]))
+    shown = [column for column in _COLUMNS if any(row[column] is not None for row in result["rows"])]
+    rows = [
+        [_cell(row[column]) for column in shown] + [number(row["details"].get(key)) for key in details]
+        for row in result["rows"]
+    ]
+    exponent = "" if result["exponent"] is None else f"seconds grow as size to the power {result['exponent']:.2f}"
+    note = f'<p class="fail">{escape(result["note"])}</p>' if result["note"] else ""
+    title = f"{result['name']}: seconds against size, both logarithmic"
+    return (
+        f'<section aria-labelledby="{name}"><div class="head"><h2 id="{name}">{name}</h2>'
+        f'<span class="soft">{exponent}</span></div><p>{escape(result["summary"])}</p>{note}'
+        f'<div class="pair">{loglog(title, "size", "seconds", _series(result["rows"]))}</div>'
+        f"{table('What was measured', [c.replace('_', ' ') for c in [*shown, *details]], rows)}</section>"
+    )
+
+
+def _cell(value: float | str | None) -> str:
+    return value if isinstance(value, str) else number(value)
+
+
+def _series(rows: list[dict]) -> list[Series]:
+    """One series per case, and one per peer of a case."""
+    series = []
+    for case in dict.fromkeys(row["case"] for row in rows):
+        own = [row for row in rows if row["case"] == case]
+        sizes = [row["size"] for row in own]
+        for name, key in ((case, "seconds"), (f"{case}, {own[0]['peer']}", "peer_seconds")):
+            if any(row[key] is not None for row in own):
+                labels = [f"{name}, size {number(row['size'])}: {number(row[key])} s" for row in own]
+                series.append(Series(name, sizes, [row[key] for row in own], labels))
+    return series

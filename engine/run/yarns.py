@@ -1,0 +1,90 @@
+"""Yarns as the time loop sees them: model, state and stepper of a scene, and what to observe of them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.run.frames import YarnFrame
+from engine.run.statistics import Invariants
+from engine.scene.build import build
+from engine.scene.schema import Scene
+from engine.steppers.step_report import StepReport
+from engine.steppers.yarns import YarnStepper
+from engine.yarns import observe
+from engine.yarns.model import PointKind
+
+
+class YarnsInMotion:
+    """Model, state and stepper of the yarns of a scene."""
+
+    def __init__(self, scene: Scene):
+        built = build(scene)
+        assert built.yarns is not None and built.state is not None
+        self.model, self.state, self.gravity = built.yarns, built.state, np.asarray(built.gravity, float)
+        self.stepper = YarnStepper(built.yarns, built.settings, built.gravity, built.obstacles, built.handles)
+        model = built.yarns
+        contacts = bool(np.any(model.point_nodes[:, 1] >= 0))
+        obstacles = len(built.obstacles.kind) > 0
+        self.report_keys = {"contact_gap_max"} if contacts else set()
+        if obstacles:
+            self.report_keys.add("penetration_max")
+        unheld = bool(np.all(model.free_directions == np.eye(3))) and not np.any(model.kinematic) and not obstacles
+        self._keeps_momentum = unheld and not np.any(model.mass_damping)
+        losses = np.any(model.mass_damping) or np.any(model.stretch_damping) or np.any(model.friction)
+        moved = np.any(model.handle >= 0) or np.any(model.kinematic)
+        self._keeps_energy = not (losses or moved or obstacles)
+        self._mass = float(np.sum(model.density * model.length))
+
+    def step(self, time: float, h: float) -> StepReport:
+        """Try to advance from `time` by `h` [s]."""
+        return self.stepper.step(self.state, time, h)
+
+    def arrays(self) -> dict[str, NDArray]:
+        """Return the arrays of the yarn state."""
+        return {f"yarns.{name}": values for name, values in vars(self.state).items()}
+
+    def restore(self, arrays: dict[str, NDArray]) -> None:
+        """Copy `arrays` into the state."""
+        for name, values in vars(self.state).items():
+            values[...] = arrays[f"yarns.{name}"]
+
+    def counts(self) -> dict[str, int]:
+        """Return nodes by kind, and contacts between fabrics that have not been removed."""
+        contacts = np.count_nonzero(self.state.active & (self.model.point_kind == PointKind.CONTACT))
+        return observe.counts(self.model, self.state) | {"contacts": int(contacts)}
+
+    def energies(self) -> dict[str, float]:
+        """Return kinetic and potential energy [J]."""
+        return observe.energies(self.model, self.state, self.gravity)
+
+    def invariants(self, time: float, energies: dict[str, float]) -> Invariants:
+        """Momentum where nothing holds or brakes the yarns, energy where besides nothing dissipates it."""
+        kept: dict = {}
+        if self._keeps_momentum:
+            impulse = self._mass * self.gravity * time
+            momentum = observe.momentum(self.model, self.state)
+            kept["momentum"] = momentum - impulse
+            # a bound of what cancels in the sum, so that a body at rest in total has a scale as well
+            speed = np.sqrt(2 * energies["kinetic"] / self._mass)
+            kept["momentum_scale"] = float(max(np.linalg.norm(impulse), self._mass * speed))
+        if self._keeps_energy:
+            kept["kinetic_energy"], kept["potential_energy"] = energies["kinetic"], energies["potential"]
+        return Invariants(**kept)
+
+    def yarn_frame(self) -> YarnFrame:
+        """Return the yarns as they are drawn."""
+        return YarnFrame(**observe.yarn_frame_arrays(self.model, self.state))
+
+    def half_step_errors(self, before: dict[str, NDArray], time: float, h: float) -> dict[str, float] | None:
+        """Return the largest differences of positions `x` and Eulerian coordinates `u` [m] to two half steps."""
+        halves = self.state.copy()
+        for name, values in vars(halves).items():
+            values[...] = before[f"yarns.{name}"]
+        for start in (time, time + h / 2):
+            if not self.stepper.step(halves, start, h / 2).accepted:
+                return None
+        shared = self.state.active & halves.active
+        nodes = shared[self.model.node_point]
+        return {
+            "x": float(np.max(np.linalg.norm(self.state.x - halves.x, axis=1)[shared], initial=0.0)),
+            "u": float(np.max(np.abs(self.state.u - halves.u)[nodes], initial=0.0)),
+        }
