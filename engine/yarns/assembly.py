@@ -3,8 +3,10 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from engine.yarns.model import Floats, PointKind, YarnModel, YarnState
+from engine.arrays import Floats, Ints
+from engine.yarns.model import PointKind, YarnModel, YarnState
 
 
 @dataclass(frozen=True)
@@ -21,11 +23,16 @@ class YarnMaterial:
 
 @dataclass
 class YarnAssembly:
-    """Yarns and points in the making; `build` packs them."""
+    """Yarns and points in the making; `build` packs them.
+
+    Points come one by one (`lagrangian`, `crossing`, `eyelet`, `edge`) or many at once (`lagrangians`, `crossings`,
+    `edges`), where every argument may have a leading axis over the new points.
+    """
 
     yarns: list[dict] = field(default_factory=list)
-    points: list[dict] = field(default_factory=list)
-    nodes: list[dict] = field(default_factory=list)
+    points: list[dict[str, np.ndarray]] = field(default_factory=list)  # one entry for each call, arrays over its points
+    nodes: list[dict[str, np.ndarray]] = field(default_factory=list)  # likewise, arrays over its nodes
+    point_count: int = 0
 
     def yarn(
         self,
@@ -46,7 +53,13 @@ class YarnAssembly:
 
     def lagrangian(self, yarn: int, u: float, x: Floats, pinned: bool = False, handle: int = -1) -> int:
         """Add an end or a fixed discretisation point, pinned in space or free; returns its point."""
-        return self._point(PointKind.LAGRANGIAN, x, [(yarn, u, True)], pinned=pinned, handle=handle)
+        return int(self.lagrangians(yarn, u, x, pinned, handle)[0])
+
+    def lagrangians(
+        self, yarn: ArrayLike, u: ArrayLike, x: Floats, pinned: ArrayLike = False, handle: ArrayLike = -1,
+    ) -> Ints:
+        """Add ends or fixed discretisation points at `x` [n, 3]; returns their points [n]."""
+        return self._add(PointKind.LAGRANGIAN, x, [(yarn, u, True)], pinned=pinned, handle=handle)
 
     def crossing(
         self, below: int, u: float, above: int, v: float, x: Floats, up: Floats, friction: float = 0.0,
@@ -57,87 +70,108 @@ class YarnAssembly:
         `up` [3] is any vector that points from the lower to the upper yarn. `kind` is CROSSING within a fabric,
         CONTACT between fabrics, STITCH where both are sewn together. Returns the point.
         """
+        return int(self.crossings(below, u, above, v, x, up, friction, kind, pinned, handle)[0])
+
+    def crossings(
+        self, below: ArrayLike, u: ArrayLike, above: ArrayLike, v: ArrayLike, x: Floats, up: ArrayLike,
+        friction: float = 0.0, kind: PointKind = PointKind.CROSSING, pinned: ArrayLike = False,
+        handle: ArrayLike = -1,
+    ) -> Ints:
+        """Add places at `x` [n, 3] where yarns touch, all of one `kind`; returns their points [n]."""
         sewn = kind == PointKind.STITCH
-        return self._point(kind, x, [(below, u, sewn), (above, v, sewn)], up=up, friction=friction, pinned=pinned,
-                           handle=handle)
+        return self._add(kind, x, [(below, u, sewn), (above, v, sewn)], up=up, friction=friction, pinned=pinned,
+                         handle=handle)
 
     def eyelet(self, yarn: int, u: float, x: Floats, friction: float = 0.0, handle: int = -1) -> int:
         """Add a fixed place that the yarn slides through; returns its point."""
-        return self._point(PointKind.EYELET, x, [(yarn, u, False)], friction=friction, pinned=True, handle=handle)
+        return int(self._add(PointKind.EYELET, x, [(yarn, u, False)], friction=friction, pinned=True,
+                             handle=handle)[0])
 
     def edge(self, yarn: int, u: float, x: Floats, direction: Floats, friction: float = 0.0) -> int:
         """Add a place where the yarn slides over a sharp edge of unit `direction` [3]; returns its point."""
-        projector = np.outer(direction, direction)
-        return self._point(PointKind.EDGE, x, [(yarn, u, False)], friction=friction, projector=projector)
+        return int(self.edges(yarn, u, x, direction, friction)[0])
 
-    def _point(self, kind, x, nodes, up=(0.0, 0.0, 1.0), friction=0.0, pinned=False, projector=None, handle=-1):
-        if projector is None:
-            projector = np.zeros((3, 3)) if pinned else np.eye(3)
-        point = len(self.points)
-        self.points.append(dict(kind=int(kind), x=np.asarray(x, float), up=np.asarray(up, float), friction=friction,
-                                projector=projector, handle=handle))
+    def edges(
+        self, yarn: ArrayLike, u: ArrayLike, x: Floats, direction: Floats, friction: float = 0.0,
+    ) -> Ints:
+        """Add places at `x` [n, 3] where yarns slide over an edge of unit `direction` [3]; returns their points [n]."""
+        return self._add(PointKind.EDGE, x, [(yarn, u, False)], friction=friction,
+                         free_directions=np.outer(direction, direction))
+
+    def _add(self, kind, x, nodes, up=(0.0, 0.0, 1.0), friction=0.0, pinned=False, free_directions=None, handle=-1):
+        """Add points at `x`, each with one or two nodes (yarn, u, u is fixed); everything else broadcasts."""
+        x = np.asarray(x, float).reshape(-1, 3)
+        point = self.point_count + np.arange(len(x))
+        if free_directions is None:
+            free_directions = np.where(np.asarray(pinned)[..., None, None], np.zeros((3, 3)), np.eye(3))
+        constants = dict(kind=int(kind), friction=float(friction), handle=handle)
+        self.points.append(dict(
+            x=x, up=np.broadcast_to(up, x.shape), free_directions=np.broadcast_to(free_directions, (len(x), 3, 3)),
+            **{name: np.broadcast_to(value, len(x)) for name, value in constants.items()},
+        ))
         for slot, (yarn, u, fixed) in enumerate(nodes):
-            self.nodes.append(dict(yarn=yarn, u=float(u), fixed=fixed, point=point, slot=slot))
+            values = dict(yarn=yarn, u=u, fixed=fixed, point=point, slot=slot)
+            self.nodes.append({name: np.broadcast_to(value, len(x)) for name, value in values.items()})
+        self.point_count += len(x)
         return point
 
     def build(self) -> tuple[YarnModel, YarnState]:
-        """Pack everything; nodes are stored yarn after yarn, by u at the start, all at rest."""
-        keys = np.array([(n["yarn"], n["u"]) for n in self.nodes]).reshape(-1, 2)
-        stored = [self.nodes[i] for i in np.lexsort((keys[:, 1], keys[:, 0]))]
-        node_yarn = np.array([n["yarn"] for n in stored], np.int64)
-        node_point = np.array([n["point"] for n in stored], np.int64)
-        node_slot = np.array([n["slot"] for n in stored], np.int64)
-        u = np.array([n["u"] for n in stored])
-        point_nodes = np.full((len(self.points), 2), -1, np.int64)
+        """Pack everything, at least one point; nodes are stored yarn after yarn, by u at the start, all at rest."""
+        node = {name: np.concatenate([block[name] for block in self.nodes]) for name in self.nodes[0]}
+        stored = np.lexsort((node["slot"], node["point"], node["u"], node["yarn"]))
+        node_yarn, node_point, node_slot = (node[name][stored].astype(np.int64) for name in ("yarn", "point", "slot"))
+        u = node["u"][stored].astype(float)
+        point = {name: np.concatenate([block[name] for block in self.points]) for name in self.points[0]}
+        x = point["x"]
+        point_nodes = np.full((len(x), 2), -1, np.int64)
         point_nodes[node_point, node_slot] = np.arange(len(stored))
-        x = np.array([p["x"] for p in self.points]).reshape(-1, 3)
+        node_start = np.searchsorted(node_yarn, np.arange(len(self.yarns) + 1)).astype(np.int64)
 
         def yarn_values(name, dtype=np.float64):
             return np.array([y[name] for y in self.yarns], dtype)
 
         model = YarnModel(
-            node_start=np.searchsorted(node_yarn, np.arange(len(self.yarns) + 1)).astype(np.int64),
+            node_start=node_start,
             fabric=yarn_values("fabric", np.int64),
             **{name: yarn_values(name) for name in (
                 "length", "rest_segment", "density", "radius", "stretch_stiffness", "bending_stiffness",
                 "mass_damping", "stretch_damping", "obstacle_distance")},
             kinematic=yarn_values("kinematic", np.bool_),
             node_yarn=node_yarn, node_point=node_point, node_slot=node_slot,
-            u_fixed=np.array([n["fixed"] for n in stored], np.bool_),
-            point_kind=np.array([p["kind"] for p in self.points], np.int64),
+            u_fixed=node["fixed"][stored],
+            point_kind=point["kind"].astype(np.int64),
             point_nodes=point_nodes,
-            side=self._sides(x, u, node_yarn, node_point, point_nodes),
-            friction=np.array([p["friction"] for p in self.points]),
-            free_directions=np.array([p["projector"] for p in self.points]).reshape(-1, 3, 3),
-            handle=np.array([p["handle"] for p in self.points], np.int64),
+            side=_sides(point["up"], point_nodes, self._tangents(x[node_point], u, node_start)),
+            friction=point["friction"],
+            free_directions=point["free_directions"],
+            handle=point["handle"].astype(np.int64),
         )
         points, nodes = model.point_count, model.node_count
         state = YarnState(
-            x=x, u=u, x_rate=np.zeros((points, 3)), u_rate=np.zeros(nodes), velocity=np.zeros((nodes, 3)),
+            x=x, u=u, x_rate=np.zeros((points, 3)), u_rate=np.zeros(nodes), velocity=np.zeros((nodes, 2, 3)),
             order=np.arange(nodes, dtype=np.int64), eil=np.zeros(nodes, np.bool_), active=np.ones(points, np.bool_),
             anchor=u.copy(), normal_force=np.zeros(points), pulling_steps=np.zeros(points, np.int64),
             obstacle_anchor=x.copy(), obstacle_force=np.zeros(points),
         )
         return model, state
 
-    def _sides(self, x, u, node_yarn, node_point, point_nodes):
-        """Orientation of each two-yarn point: the sign that turns t_0 x t_1 towards `up`."""
+    def _tangents(self, x, u, node_start):
+        """Direction of the yarn at every node, of any length, shape [N, 3]."""
         tangent = np.zeros((len(u), 3))
-        for y in range(len(self.yarns)):
-            first, last = np.searchsorted(node_yarn, [y, y + 1])
+        for yarn, first, last in zip(self.yarns, node_start[:-1], node_start[1:], strict=True):
             if last - first > 1:
-                chord = x[node_point[first:last]]
-                tangent[first:last] = chord[-1] - chord[0]
                 # ends of a node's neighbourhood at least a tenth of a rest segment away: nodes may coincide
-                reach = 0.1 * self.yarns[y]["rest_segment"]
-                for i in range(first, last):
-                    before = first + np.searchsorted(u[first:last], u[i] - reach, side="right") - 1
-                    after = first + np.searchsorted(u[first:last], u[i] + reach, side="left")
-                    span = x[node_point[min(after, last - 1)]] - x[node_point[max(before, first)]]
-                    if np.linalg.norm(span) > 0:
-                        tangent[i] = span
-        side = np.ones(len(point_nodes))
-        for p, (i, j) in enumerate(point_nodes):
-            if j >= 0 and np.dot(np.cross(tangent[i], tangent[j]), self.points[p]["up"]) < 0:
-                side[p] = -1.0
-        return side
+                here, reach = u[first:last], 0.1 * yarn["rest_segment"]
+                before = np.maximum(np.searchsorted(here, here - reach, side="right") - 1, 0)
+                after = np.minimum(np.searchsorted(here, here + reach, side="left"), last - first - 1)
+                span = x[first + after] - x[first + before]
+                chord = x[last - 1] - x[first]
+                tangent[first:last] = np.where(span.any(axis=1, keepdims=True), span, chord)
+        return tangent
+
+
+def _sides(up, point_nodes, tangent):
+    """Orientation of each two-yarn point: the sign that turns t_0 x t_1 towards `up`."""
+    first, second = tangent[point_nodes[:, 0]], tangent[point_nodes[:, 1]]
+    against = np.einsum("ij,ij->i", np.cross(first, second), up) < 0
+    return np.where(against & (point_nodes[:, 1] >= 0), -1.0, 1.0)

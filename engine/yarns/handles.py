@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.yarns.model import Floats, Ints
+from engine.arrays import Floats, Ints
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,7 @@ Shapes below use Y yarns, N nodes, P points, H handles.
 from dataclasses import dataclass
 from enum import IntEnum
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from engine.arrays import Flags, Floats, Ints
 
 
 class PointKind(IntEnum):
@@ -94,7 +89,7 @@ class YarnState:
     u: Floats  # Eulerian coordinates of nodes [m], shape [N]
     x_rate: Floats  # rate of x in the last step [m/s], shape [P, 3]
     u_rate: Floats  # rate of u in the last step [m/s], shape [N]
-    velocity: Floats  # velocity of the material at EoL nodes [m/s], shape [N, 3]
+    velocity: Floats  # of the material before and behind each EoL node, where it may jump [m/s], shape [N, 2, 3]
     order: Ints  # nodes of each yarn sorted by u, in the yarn's range of node_start, shape [N]
     eil: Flags  # node has interpolated Lagrangian coordinates, shape [N]
     active: Flags  # point has not been removed, shape [P]

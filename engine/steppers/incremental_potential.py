@@ -1,0 +1,138 @@
+"""The incremental potential of one implicit Euler step of yarns: the sum of its terms, with gradient and Hessian."""
+
+import numpy as np
+
+from engine.arrays import Floats, Ints
+from engine.contact import obstacles as obstacle_contact
+from engine.contact.obstacles import Obstacles
+from engine.linalg.block_matrix import BLOCK, BlockMatrix, with_pattern
+from engine.yarns import bending, constraints, contact, friction, inertia, normal_force, stretch
+from engine.yarns.model import PointKind, YarnModel, YarnState
+from engine.yarns.settings import YarnSettings
+from engine.yarns.topology import Chain
+
+
+class IncrementalPotential:
+    """I + V of a step of size h from `state`, whose assignment is `chain`; forces and anchors are those of its start."""
+
+    def __init__(
+        self, model: YarnModel, settings: YarnSettings, gravity: Floats, obstacles: Obstacles,
+        state: YarnState, chain: Chain, h: float,
+    ):
+        """Freeze what stays constant within the step."""
+        self.model, self.obstacles, self.state, self.chain, self.h = model, obstacles, state, chain, h
+        self.x0, self.u0 = state.x.copy(), state.u.copy()
+        yarn_scale = model.stretch_stiffness / model.rest_segment
+        first, second = model.point_nodes.T
+        node_scale = yarn_scale[model.node_yarn]
+        point_scale = np.maximum(node_scale[first], np.where(second >= 0, node_scale[second], 0.0))
+        self.constraint_stiffness = settings.constraint_factor * point_scale
+        self.friction_stiffness = settings.friction_factor * node_scale
+        self.hold = settings.gauge * node_scale
+        self.obstacle_stiffness = settings.obstacle_factor * point_scale
+
+        active_node = state.active[model.node_point]
+        self.sliding = np.flatnonzero(active_node & ~model.u_fixed)
+        self.split = np.flatnonzero(state.active & (state.eil[first] | ((second >= 0) & state.eil[second])))
+        self.stretch_at_start = np.ones(model.node_count)
+        normal_force.stretches(np.flatnonzero(active_node), chain.before, chain.after, model.node_point, self.x0, self.u0,
+                               self.stretch_at_start)
+        pressing = np.maximum(state.normal_force, 0.0) * model.friction
+        self.friction_limit = self.stretch_at_start * pressing[model.node_point]
+        at_nodes = self.x0[model.node_point]
+        self.prediction = inertia.predict(model, at_nodes, state.velocity, gravity, h)
+        self.corner_force = inertia.corner_forces(model, chain, at_nodes, self.u0, state.u_rate, state.velocity)
+
+        self.touching = self._touching()
+        distance = model.obstacle_distance[model.node_yarn]
+        self.obstacle_distance = np.minimum(distance[first], np.where(second >= 0, distance[second], np.inf))
+
+        self.projector = constraints.projectors(model, state)
+        self.constrained = (self.projector != np.eye(BLOCK)).any(axis=(1, 2))
+        self.constrained_points = np.flatnonzero(self.constrained)
+        self.by_node = np.zeros((model.node_count, 4))
+        self.gap = np.zeros((model.point_count, 3))
+
+    def _touching(self) -> Ints:
+        """Points that may touch obstacles: those whose x moves with one fabric's material."""
+        if len(self.obstacles.kind) == 0:
+            return np.zeros(0, np.int64)
+        model, state = self.model, self.state
+        kind = model.point_kind
+        of_one_fabric = (kind == PointKind.LAGRANGIAN) | (kind == PointKind.CROSSING) | (kind == PointKind.STITCH)
+        first, second = model.point_nodes.T
+        only_eil = state.eil[first] & (second >= 0) & state.eil[second]
+        free = model.free_directions.any(axis=(1, 2))
+        return np.flatnonzero(of_one_fabric & state.active & free & ~only_eil)
+
+    def internal(self, x: Floats, u: Floats) -> float:
+        """Write the gradient of inertia, elasticity and constraints by node [N, 4]; returns their energy [J]."""
+        m, c = self.model, self.chain
+        g = self.by_node
+        g[:] = 0.0
+        energy = inertia.add_gradient(c.node, c.after, m.node_yarn, m.node_point, m.density, m.kinematic, self.h,
+                                      self.u0, self.prediction, self.corner_force, x, u, g)
+        energy += stretch.add_gradient(c.node, c.after, m.node_yarn, m.node_point, m.stretch_stiffness, m.stretch_damping,
+                                       self.h, self.x0, self.u0, x, u, g)
+        energy += bending.add_gradient(c.node, c.before, c.after, m.node_yarn, m.node_point, m.bending_stiffness, x, u, g)
+        energy += contact.add_gradient(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
+                                       self.constraint_stiffness, x, u, g, self.gap)
+        return energy
+
+    def gradient(self, x: Floats, u: Floats) -> tuple[float, Floats]:
+        """Return the energy [J] and the gradient with respect to the unknowns of points [P, 5] [N]."""
+        m, o = self.model, self.obstacles
+        energy = self.internal(x, u)
+        energy += friction.add_gradient(self.sliding, self.friction_stiffness, self.friction_limit, self.state.anchor,
+                                        self.hold, self.u0, u, self.by_node)
+        gradient = np.zeros((m.point_count, BLOCK))
+        constraints.gather(m.node_point, m.node_slot, self.by_node, gradient)
+        if len(self.touching):
+            energy += obstacle_contact.add_gradient(
+                self.touching, o.kind, o.centre, o.rotation, o.size, o.friction, self.obstacle_distance,
+                self.obstacle_stiffness, self.state.obstacle_anchor, self.state.obstacle_force, self.x0, x, gradient)
+        constraints.project_gradient(self.constrained_points, self.projector, gradient)
+        return energy, gradient
+
+    def pattern(self) -> BlockMatrix:
+        """Return a zero matrix with the blocks that the terms of this step touch."""
+        m, c = self.model, self.chain
+        node, after = c.node, c.after
+        ahead = node[after[node] >= 0]
+        beyond = ahead[after[after[ahead]] >= 0]
+        pairs = [
+            np.column_stack([m.node_point[ahead], m.node_point[after[ahead]]]),
+            np.column_stack([m.node_point[beyond], m.node_point[after[after[beyond]]]]),
+        ]
+        first, second = m.point_nodes[self.split].T
+        member = [self.split]
+        for n in (first, second):
+            is_eil = (n >= 0) & self.state.eil[n]
+            for neighbour in (c.before, c.after):
+                member.append(np.where(is_eil, m.node_point[neighbour[n]], self.split))
+        for a in range(len(member)):
+            for b in range(a):
+                different = member[a] != member[b]
+                pairs.append(np.column_stack([member[a][different], member[b][different]]))
+        return with_pattern(m.point_count, np.concatenate(pairs))
+
+    def hessian(self, x: Floats, u: Floats, a: BlockMatrix) -> None:
+        """Write a positive semidefinite Hessian, with the constrained unknowns as identity, to `a`."""
+        m, c, o = self.model, self.chain, self.obstacles
+        a.block[:] = 0.0
+        inertia.add_hessian(c.node, c.after, m.node_yarn, m.node_point, m.node_slot, m.density, m.kinematic, self.h,
+                            self.u0, self.prediction, u, a.start, a.column, a.block)
+        stretch.add_hessian(c.node, c.after, m.node_yarn, m.node_point, m.node_slot, m.stretch_stiffness,
+                            m.stretch_damping, self.h, self.x0, self.u0, x, u, a.start, a.column, a.block)
+        bending.add_hessian(c.node, c.before, c.after, m.node_yarn, m.node_point, m.node_slot, m.bending_stiffness, x, u,
+                            a.start, a.column, a.block)
+        contact.add_hessian(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point, m.node_slot,
+                            self.constraint_stiffness, x, u, a.start, a.column, a.block)
+        friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,
+                             self.state.anchor, self.hold, u, a.diagonal, a.block)
+        if len(self.touching):
+            obstacle_contact.add_hessian(
+                self.touching, o.kind, o.centre, o.rotation, o.size, o.friction, self.obstacle_distance,
+                self.obstacle_stiffness, self.state.obstacle_anchor, self.state.obstacle_force, self.x0, x, a.diagonal,
+                a.block)
+        constraints.project_hessian(self.constrained, self.projector, a.start, a.column, a.diagonal, a.block)

@@ -1,0 +1,120 @@
+"""The contact constraint at EIL nodes, as a soft one (Sánchez-Banderas 2020, secs. 3.3 and 4.2).
+
+An EIL node b between its EoL neighbours a and c stands at X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a).
+With g = X - X_partner the energy is k_c |g|^2 / 2; the partner is the EoL node or the fixed object at the same point, or
+another EIL node. The force on X reaches the free coordinates through the Jacobian of the interpolation.
+"""
+
+import numpy as np
+from numba import njit
+
+from engine.linalg.block_matrix import BLOCK, locate
+
+
+@njit(cache=True)
+def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness, x, u, gradient, gap):
+    """Add the gradient to `gradient` [N, 4], write g to `gap` [P, 3] and return the energy [J].
+
+    `points` are the points with at least one EIL node; `stiffness` is k_c of every point. A partner that is EoL takes
+    its share on its own node, a fixed object on the EIL node's: both end up on the point.
+    """
+    energy = 0.0
+    place = np.empty((2, 3))
+    w = np.empty((2, 3))
+    for p in points:
+        n0, n1 = point_nodes[p, 0], point_nodes[p, 1]
+        e0, e1 = eil[n0], n1 >= 0 and eil[n1]
+        for side in range(2):
+            n = n0 if side == 0 else n1
+            if n >= 0 and eil[n]:
+                _interpolate(before[n], after[n], n, node_point, x, u, place[side], w[side])
+            else:
+                for k in range(3):
+                    place[side, k] = x[p, k]
+        for k in range(3):
+            gap[p, k] = place[0, k] - place[1, k]
+            energy += 0.5 * stiffness[p] * gap[p, k] * gap[p, k]
+        for side in range(2):
+            sign = stiffness[p] if side == 0 else -stiffness[p]
+            if (e0 if side == 0 else e1):
+                n = n0 if side == 0 else n1
+                a, c = before[n], after[n]
+                s = (u[n] - u[a]) / (u[c] - u[a])
+                for k in range(3):
+                    f = sign * gap[p, k]
+                    gradient[a, k] += (1.0 - s) * f
+                    gradient[c, k] += s * f
+                    gradient[a, 3] -= (1.0 - s) * f * w[side, k]
+                    gradient[c, 3] -= s * f * w[side, k]
+                    gradient[n, 3] += f * w[side, k]
+            else:
+                n = n1 if side == 1 and n1 >= 0 else n0
+                for k in range(3):
+                    gradient[n, k] += sign * gap[p, k]
+    return energy
+
+
+@njit(cache=True)
+def add_hessian(
+    points, point_nodes, eil, before, after, node_point, node_slot, stiffness, x, u, start, column, block
+):
+    """Add k_c J^T J, J the Jacobian of g with respect to the unknowns of up to five points."""
+    jacobian = np.empty((5, 3, BLOCK))
+    point = np.empty(5, np.int64)
+    place, w = np.empty(3), np.empty(3)
+    for p in points:
+        count = 1
+        point[0] = p
+        jacobian[:] = 0.0
+        for side in range(2):
+            n = point_nodes[p, side]
+            sign = 1.0 if side == 0 else -1.0
+            if n >= 0 and eil[n]:
+                a, c = before[n], after[n]
+                _interpolate(a, c, n, node_point, x, u, place, w)
+                s = (u[n] - u[a]) / (u[c] - u[a])
+                point[count], point[count + 1] = node_point[a], node_point[c]
+                for k in range(3):
+                    jacobian[0, k, 3 + side] = sign * w[k]
+                    jacobian[count, k, k] = sign * (1.0 - s)
+                    jacobian[count + 1, k, k] = sign * s
+                    jacobian[count, k, 3 + node_slot[a]] = -sign * (1.0 - s) * w[k]
+                    jacobian[count + 1, k, 3 + node_slot[c]] = -sign * s * w[k]
+                count += 2
+            else:
+                for k in range(3):
+                    jacobian[0, k, k] = sign
+        for a in range(count):
+            for b in range(count):
+                k = locate(start, column, point[a], point[b])
+                for r in range(BLOCK):
+                    for c in range(BLOCK):
+                        product = 0.0
+                        for m in range(3):
+                            product += jacobian[a, m, r] * jacobian[b, m, c]
+                        block[k, r, c] += stiffness[p] * product
+
+
+@njit(cache=True)
+def place_eil(points, point_nodes, eil, before, after, node_point, x, u):
+    """Move the cancelled x of points with EIL nodes only to the middle of what their yarns interpolate there."""
+    place, w = np.empty(3), np.empty(3)
+    for p in points:
+        n0, n1 = point_nodes[p, 0], point_nodes[p, 1]
+        if eil[n0] and n1 >= 0 and eil[n1]:
+            x[p] = 0.0
+            for side in range(2):
+                n = point_nodes[p, side]
+                _interpolate(before[n], after[n], n, node_point, x, u, place, w)
+                for k in range(3):
+                    x[p, k] += 0.5 * place[k]
+
+
+@njit(cache=True)
+def _interpolate(a, c, b, node_point, x, u, place, w):
+    """Write X at u_b and w = dX/du between the EoL neighbours a and c."""
+    p, q = node_point[a], node_point[c]
+    du = u[c] - u[a]
+    for k in range(3):
+        w[k] = (x[q, k] - x[p, k]) / du
+        place[k] = x[p, k] + (u[b] - u[a]) * w[k]

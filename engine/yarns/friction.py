@@ -1,0 +1,52 @@
+"""Friction of sliding contacts: anchored springs on Eulerian coordinates with Coulomb's limit.
+
+The normal force F_n and the anchor stay those of the start of the step, so the step sees a Huber potential in u:
+a spring k_f (u - anchor)^2 / 2 up to the limit, a constant force behind it. Sliding by du moves lambda du of material
+through the contact, so the force that works on u is limited by lambda mu F_n.
+
+Parallel contacts leave one combination of Eulerian coordinates without any stiffness; a weak viscous hold of every u at
+its value at the start of the step keeps the step well posed and vanishes at rest.
+"""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def add_gradient(nodes, spring, limit, anchor, hold, u0, u, gradient):
+    """Add the gradient to `gradient` [N, 4] and return the energy [J]; `nodes` are those whose u is an unknown.
+
+    `spring` k_f [N/m], `limit` lambda mu F_n [N], `hold` [N/m] and `anchor`, u0, u [m] are given for every node.
+    """
+    energy = 0.0
+    for i in nodes:
+        slip = u[i] - anchor[i]
+        reach = limit[i] / spring[i]
+        if abs(slip) <= reach:
+            energy += 0.5 * spring[i] * slip * slip
+            gradient[i, 3] += spring[i] * slip
+        else:
+            energy += limit[i] * (abs(slip) - 0.5 * reach)
+            gradient[i, 3] += np.sign(slip) * limit[i]
+        energy += 0.5 * hold[i] * (u[i] - u0[i]) ** 2
+        gradient[i, 3] += hold[i] * (u[i] - u0[i])
+    return energy
+
+
+@njit(cache=True)
+def add_hessian(nodes, node_point, node_slot, spring, limit, anchor, hold, u, diagonal, block):
+    """Add the second derivatives to the diagonal blocks."""
+    for i in nodes:
+        s = 3 + node_slot[i]
+        k = diagonal[node_point[i]]
+        block[k, s, s] += hold[i]
+        if abs(u[i] - anchor[i]) <= limit[i] / spring[i]:
+            block[k, s, s] += spring[i]
+
+
+@njit(cache=True)
+def drag_anchors(nodes, spring, limit, u, anchor):
+    """Move the anchors that slid so that their springs pull with the limit."""
+    for i in nodes:
+        reach = limit[i] / spring[i]
+        anchor[i] = min(max(anchor[i], u[i] - reach), u[i] + reach)

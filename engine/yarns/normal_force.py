@@ -1,0 +1,110 @@
+"""Normal forces at contacts, from what each yarn's own equation of motion lacks.
+
+At a shared point the contact force on yarn i is the sum of its inertia, weight and internal forces there, exact on
+either side: where one side is pinned or given, the other still carries the whole load. At an EIL node it is the
+constraint's spring force, at an eyelet or an edge the reaction across the yarn.
+"""
+
+import numpy as np
+from numba import njit
+
+from engine.yarns.model import PointKind
+
+CROSSING, CONTACT, STITCH = int(PointKind.CROSSING), int(PointKind.CONTACT), int(PointKind.STITCH)
+EYELET, EDGE = int(PointKind.EYELET), int(PointKind.EDGE)
+
+
+@njit(cache=True)
+def normal_forces(
+    point_kind, point_nodes, side, active, eil, before, after, node_point, node_yarn,
+    radius, rest_segment, bending_stiffness, stretch_stiffness, constraint_stiffness, gradient, gap, x, u, force,
+):
+    """Write F_n [N] of every point to `force` [P]: positive where yarns press, negative where they pull.
+
+    `gradient` [N, 4] is that of the incremental potential without friction, `gap` [P, 3] the constraint's.
+    """
+    t0, t1, n = np.empty(3), np.empty(3), np.empty(3)
+    for p in range(len(force)):
+        force[p] = 0.0
+        kind = point_kind[p]
+        if not active[p] or kind == STITCH:
+            continue
+        i, j = point_nodes[p, 0], point_nodes[p, 1]
+        if kind == EYELET or kind == EDGE:
+            _tangent(i, before, after, node_point, x, u, t0)
+            along = square = 0.0
+            for k in range(3):
+                along += gradient[i, k] * t0[k]
+                square += gradient[i, k] ** 2
+            force[p] = np.sqrt(max(square - along * along, 0.0))
+        elif kind == CROSSING or kind == CONTACT:
+            _tangent(i, before, after, node_point, x, u, t0)
+            _tangent(j, before, after, node_point, x, u, t1)
+            length = 0.0
+            for k in range(3):
+                n[k] = side[p] * (t0[(k + 1) % 3] * t1[(k + 2) % 3] - t0[(k + 2) % 3] * t1[(k + 1) % 3])
+                length += n[k] * n[k]
+            length = np.sqrt(length)
+            if length > 1e-12:
+                for k in range(3):
+                    pressing = (
+                        constraint_stiffness[p] * gap[p, k] if eil[i] or eil[j]
+                        else 0.5 * (gradient[j, k] - gradient[i, k])
+                    )
+                    force[p] += pressing * n[k] / length
+            if kind == CROSSING:
+                offset = radius[node_yarn[i]] + radius[node_yarn[j]]
+                for m in (i, j):
+                    y = node_yarn[m]
+                    tension = stretch_stiffness[y] * (_stretch(m, before, after, node_point, x, u) - 1.0)
+                    force[p] += 0.5 * _crimp_force(offset, rest_segment[y], bending_stiffness[y], tension)
+
+
+@njit(cache=True)
+def _crimp_force(offset, spacing, bending_stiffness, tension):
+    """Force with which a crimped yarn presses on the one it passes [N].
+
+    The model's yarns share the point; in a weave the yarn bends by twice atan(offset / spacing) over its partner, and
+    both its bending moment and its tension push it back.
+    """
+    tilt = np.arctan2(offset, spacing)
+    moment = 2.0 * bending_stiffness * (2.0 * tilt) / (2.0 * spacing)
+    return 2.0 * moment * np.cos(tilt) ** 2 / spacing + 2.0 * max(tension, 0.0) * np.sin(tilt)
+
+
+@njit(cache=True)
+def stretches(nodes, before, after, node_point, x, u, stretch):
+    """Write the mean lambda of the two segments that meet at each of `nodes` to `stretch` [N]."""
+    for i in nodes:
+        stretch[i] = _stretch(i, before, after, node_point, x, u)
+
+
+@njit(cache=True)
+def _stretch(i, before, after, node_point, x, u):
+    total, count = 0.0, 0
+    for a, b in ((before[i], i), (i, after[i])):
+        if a >= 0 and b >= 0 and u[b] > u[a]:
+            square = 0.0
+            for k in range(3):
+                square += (x[node_point[b], k] - x[node_point[a], k]) ** 2
+            total += np.sqrt(square) / (u[b] - u[a])
+            count += 1
+    return total / count if count > 0 else 1.0
+
+
+@njit(cache=True)
+def _tangent(i, before, after, node_point, x, u, t):
+    """Write the unit tangent of the yarn at node i: the bisector of its two segments."""
+    for k in range(3):
+        t[k] = 0.0
+    for a, b in ((before[i], i), (i, after[i])):
+        if a >= 0 and b >= 0:
+            square = 0.0
+            for k in range(3):
+                square += (x[node_point[b], k] - x[node_point[a], k]) ** 2
+            if square > 0.0:
+                for k in range(3):
+                    t[k] += (x[node_point[b], k] - x[node_point[a], k]) / np.sqrt(square)
+    length = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
+    for k in range(3):
+        t[k] /= max(length, 1e-300)

@@ -1,0 +1,95 @@
+"""What one reads off a state: curves and nodes for pictures, counts, energies, momentum."""
+
+import numpy as np
+
+from engine.arrays import Floats
+from engine.yarns import bending, stretch
+from engine.yarns.model import NodeState, PointKind, YarnModel, YarnState
+from engine.yarns.topology import Chain, chain_of
+
+
+def chain_now(model: YarnModel, state: YarnState) -> Chain:
+    """Return the chains of the state's present assignment."""
+    return chain_of(model, state.order, state.eil, state.active)
+
+
+def node_states(model: YarnModel, state: YarnState) -> Floats:
+    """Return the `NodeState` of every point, shape [P]."""
+    first, second = model.point_nodes.T
+    eil = state.eil[first].astype(np.int64) + ((second >= 0) & state.eil[second])
+    lone_eil = (second < 0) & (eil == 1)
+    states = np.where(eil == 0, NodeState.EOL, np.where(eil == 1, NodeState.EOL_EIL, NodeState.EIL_EIL))
+    states[lone_eil] = NodeState.EIL_EIL
+    states[model.point_kind == PointKind.LAGRANGIAN] = NodeState.LAGRANGIAN
+    states[~state.active] = NodeState.REMOVED
+    return states.astype(np.uint8)
+
+
+def yarn_frame_arrays(model: YarnModel, state: YarnState) -> dict:
+    """Return the arrays of a frame: polylines through EoL nodes with their strain, points with their states."""
+    chain = chain_now(model, state)
+    states = node_states(model, state)
+    shown = np.flatnonzero(states != NodeState.REMOVED)
+    return dict(
+        line_positions=state.x[model.node_point[chain.node]], line_offsets=chain.start, line_strain=strain(model, state),
+        radius=model.radius, fabric=model.fabric, node_positions=state.x[shown], node_states=states[shown],
+        node_points=shown, u=state.u.copy(),
+    )
+
+
+def strain(model: YarnModel, state: YarnState) -> Floats:
+    """Return lambda - 1 at the chain's nodes, the mean of both segments, shape [E]."""
+    chain = chain_now(model, state)
+    total = np.zeros(len(chain.node))
+    count = np.zeros(len(chain.node))
+    i, j = chain.node[:-1], chain.node[1:]
+    joined = np.flatnonzero(model.node_yarn[i] == model.node_yarn[j])
+    edge = state.x[model.node_point[j[joined]]] - state.x[model.node_point[i[joined]]]
+    value = np.linalg.norm(edge, axis=1) / (state.u[j[joined]] - state.u[i[joined]]) - 1.0
+    for end in (joined, joined + 1):
+        np.add.at(total, end, value)
+        np.add.at(count, end, 1.0)
+    return total / np.maximum(count, 1.0)
+
+
+def counts(model: YarnModel, state: YarnState) -> dict[str, int]:
+    """Return how many points there are of each kind, as Table 1 of Sánchez-Banderas 2020 counts them."""
+    states = node_states(model, state)
+    eol = states == NodeState.EOL
+    outer = np.isin(model.point_kind, (PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE))
+    return dict(
+        lagrangian=int(np.sum(states == NodeState.LAGRANGIAN)),
+        eol_intra=int(np.sum(state.active & np.isin(model.point_kind, (PointKind.CROSSING, PointKind.STITCH)))),
+        eol_inter=int(np.sum(state.active & outer)),
+        eil=int(np.sum((states == NodeState.EOL_EIL) | (states == NodeState.EIL_EIL))),
+    )
+
+
+def energies(model: YarnModel, state: YarnState, gravity: Floats) -> dict[str, float]:
+    """Return kinetic energy and potential energy (stretch, bending, weight) [J]; the weight's zero is at the origin."""
+    chain = chain_now(model, state)
+    i, j, du, rho = _segments(model, state, chain)
+    a, b = state.velocity[i, 1], state.velocity[j, 0]
+    kinetic = np.sum(rho * du / 6.0 * np.sum(a * a + a * b + b * b, axis=1))
+    xa, xb = state.x[model.node_point[i]], state.x[model.node_point[j]]
+    weight = -np.sum(rho * du * 0.5 * ((xa + xb) @ np.asarray(gravity)))
+    unused = np.zeros((model.node_count, 4))
+    no_damping = np.zeros(model.yarn_count)
+    elastic = stretch.add_gradient(chain.node, chain.after, model.node_yarn, model.node_point, model.stretch_stiffness,
+                                   no_damping, 1.0, state.x, state.u, state.x, state.u, unused)
+    elastic += bending.add_gradient(chain.node, chain.before, chain.after, model.node_yarn, model.node_point,
+                                    model.bending_stiffness, state.x, state.u, unused)
+    return dict(kinetic=float(kinetic), potential=float(elastic + weight))
+
+
+def momentum(model: YarnModel, state: YarnState) -> Floats:
+    """Return the linear momentum of all yarns, shape [3] [kg m/s]."""
+    i, j, du, rho = _segments(model, state, chain_now(model, state))
+    return np.sum((0.5 * rho * du)[:, None] * (state.velocity[i, 1] + state.velocity[j, 0]), axis=0)
+
+
+def _segments(model, state, chain):
+    i = chain.node[chain.after[chain.node] >= 0]
+    i = i[~model.kinematic[model.node_yarn[i]]]
+    j = chain.after[i]
+    return i, j, state.u[j] - state.u[i], model.density[model.node_yarn[i]]

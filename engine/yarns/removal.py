@@ -1,0 +1,38 @@
+"""Contacts that end: yarns that pull apart, or slide off each other's ends (Sánchez-Banderas 2020, sec. 5)."""
+
+import numpy as np
+
+from engine.arrays import Ints
+from engine.yarns import inertia
+from engine.yarns.model import PointKind, YarnModel, YarnState
+from engine.yarns.topology import chain_of
+
+SLIDING_KINDS = (PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE)
+
+
+def parted(model: YarnModel, state: YarnState, separation_steps: int) -> Ints:
+    """Return the points that have lost their contact.
+
+    A contact between fabrics ends after `separation_steps` successive steps of pulling; that, an eyelet and an edge also
+    end where u has left the yarn. Crossings within a fabric and stitches never end.
+    """
+    first, second = model.point_nodes.T
+    off_the_end = _outside(model, state, first) | ((second >= 0) & _outside(model, state, second))
+    pulled = (model.point_kind == PointKind.CONTACT) & (state.pulling_steps >= separation_steps)
+    may_end = state.active & np.isin(model.point_kind, SLIDING_KINDS)
+    return np.flatnonzero(may_end & (off_the_end | pulled))
+
+
+def remove(model: YarnModel, state: YarnState, points: Ints) -> None:
+    """Take points out of `state`; the velocity of their yarns is projected on what is left of their meshes."""
+    old = chain_of(model, state.order, state.eil, state.active)
+    state.active[points] = False
+    nodes = model.point_nodes[points].ravel()
+    state.eil[nodes[nodes >= 0]] = False
+    new = chain_of(model, state.order, state.eil, state.active)
+    state.velocity = inertia.project(old, state.u, state.velocity, new, state.u)
+    state.normal_force[points] = 0.0
+
+
+def _outside(model, state, node):
+    return (state.u[node] < 0.0) | (state.u[node] > model.length[model.node_yarn[node]])

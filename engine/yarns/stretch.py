@@ -1,0 +1,104 @@
+"""Stretch of rod segments between consecutive EoL nodes, and its damping (Sánchez-Banderas 2020, eq. 2).
+
+V = k_s Du (lambda - 1)^2 / 2 with lambda = l / Du. The damping potential of a step h is
+beta k_s Du0 (lambda - lambda0)^2 / (2 h), 0 marking the start of the step: it vanishes in rigid motion and when nodes
+slide along a straight yarn.
+"""
+
+import numpy as np
+from numba import njit
+
+from engine.linalg.block_matrix import locate
+
+
+@njit(cache=True)
+def add_gradient(chain, after, node_yarn, node_point, stiffness, damping, h, x0, u0, x, u, gradient):
+    """Add the gradient to `gradient` [N, 4] (x, u of each node) and return the energy [J]."""
+    energy = 0.0
+    d = np.empty(3)
+    for i in chain:
+        j = after[i]
+        if j < 0:
+            continue
+        y = node_yarn[i]
+        l, du = _segment(x, u, node_point, i, j, d)
+        lam = l / du
+        tension = stiffness[y] * (lam - 1.0)
+        energy += 0.5 * stiffness[y] * du * (lam - 1.0) ** 2
+        f_x = tension
+        f_u = 0.5 * stiffness[y] * (lam * lam - 1.0)
+        if damping[y] > 0.0:
+            l0, du0 = _rest(x0, u0, node_point, i, j)
+            rate = damping[y] * stiffness[y] * du0 / h * (lam - l0 / du0)
+            energy += 0.5 * rate * (lam - l0 / du0)
+            f_x += rate / du
+            f_u += rate * lam / du
+        for k in range(3):
+            gradient[i, k] -= f_x * d[k]
+            gradient[j, k] += f_x * d[k]
+        gradient[i, 3] += f_u
+        gradient[j, 3] -= f_u
+    return energy
+
+
+@njit(cache=True)
+def add_hessian(
+    chain, after, node_yarn, node_point, node_slot, stiffness, damping, h, x0, u0, x, u, start, column, block
+):
+    """Add the positive semidefinite Hessian: exact under tension, without the geometric term under compression."""
+    d = np.empty(3)
+    z = np.empty((2, 4))
+    for i in chain:
+        j = after[i]
+        if j < 0:
+            continue
+        y = node_yarn[i]
+        l, du = _segment(x, u, node_point, i, j, d)
+        lam = l / du
+        along = stiffness[y] / du
+        if damping[y] > 0.0:
+            _, du0 = _rest(x0, u0, node_point, i, j)
+            along += damping[y] * stiffness[y] * du0 / (h * du * du)
+        across = max(stiffness[y] * (lam - 1.0), 0.0) / l
+        for k in range(3):
+            z[0, k] = -d[k]
+            z[1, k] = d[k]
+        z[0, 3] = lam
+        z[1, 3] = -lam
+        for a in range(2):
+            for b in range(2):
+                na = i if a == 0 else j
+                nb = i if b == 0 else j
+                k = locate(start, column, node_point[na], node_point[nb])
+                sa, sb = 3 + node_slot[na], 3 + node_slot[nb]
+                sign = 1.0 if a == b else -1.0
+                for r in range(3):
+                    for c in range(3):
+                        block[k, r, c] += along * z[a, r] * z[b, c] - sign * across * d[r] * d[c]
+                    block[k, r, r] += sign * across
+                    block[k, r, sb] += along * z[a, r] * z[b, 3]
+                    block[k, sa, r] += along * z[a, 3] * z[b, r]
+                block[k, sa, sb] += along * z[a, 3] * z[b, 3]
+
+
+@njit(cache=True)
+def _segment(x, u, node_point, i, j, d):
+    """Length and material length of segment (i, j); its direction is written to d."""
+    p, q = node_point[i], node_point[j]
+    l = 0.0
+    for k in range(3):
+        d[k] = x[q, k] - x[p, k]
+        l += d[k] * d[k]
+    l = max(np.sqrt(l), 1e-300)
+    for k in range(3):
+        d[k] /= l
+    return l, u[j] - u[i]
+
+
+@njit(cache=True)
+def _rest(x0, u0, node_point, i, j):
+    p, q = node_point[i], node_point[j]
+    l = 0.0
+    for k in range(3):
+        l += (x0[q, k] - x0[p, k]) ** 2
+    return np.sqrt(l), u0[j] - u0[i]

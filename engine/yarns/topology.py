@@ -1,0 +1,111 @@
+"""Which nodes are EoL and which EIL: the assignment that precedes every step (Sánchez-Banderas 2020, sec. 4.1)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from engine.arrays import Flags, Ints
+from engine.yarns.model import YarnModel, YarnState
+
+
+@dataclass
+class Chain:
+    """The EoL nodes of every yarn in order: what carries internal forces and inertia."""
+
+    node: Ints  # EoL nodes, yarn after yarn, shape [E]
+    start: Ints  # EoL nodes of yarn y are node[start[y]] ... node[start[y+1]-1], shape [Y+1]
+    before: Ints  # the nearest EoL node before each active node, -1 at a yarn's first, shape [N]
+    after: Ints  # the nearest EoL node behind each active node, -1 at a yarn's last, shape [N]
+
+
+def assign(model: YarnModel, state: YarnState, safety_distance: float, h: float) -> None:
+    """Sort the nodes of every yarn by u and choose the EIL nodes; writes `state.order` and `state.eil`.
+
+    `safety_distance` is in rest segments. Two nodes that close in on each other count as nearer by what they will
+    travel within the step `h` [s], so that they do not pass each other as EoL nodes.
+    """
+    _assign(model.node_start, model.rest_segment, model.kinematic, model.node_point, model.u_fixed,
+            state.active, state.u, state.u_rate, h, safety_distance, state.order, state.eil)
+
+
+def chain_of(model: YarnModel, order: Ints, eil: Flags, active: Flags) -> Chain:
+    """Return the chains of EoL nodes for a given order, assignment and set of active points."""
+    before = np.full(model.node_count, -1, np.int64)
+    after = np.full(model.node_count, -1, np.int64)
+    node = np.empty(model.node_count, np.int64)
+    start = np.zeros(model.yarn_count + 1, np.int64)
+    length = _link(model.node_start, model.node_point, order, eil, active, node, start, before, after)
+    return Chain(node[:length].copy(), start, before, after)
+
+
+@njit(cache=True)
+def _assign(node_start, rest_segment, kinematic, node_point, u_fixed, active, u, u_rate, h, safety_distance, order, eil):
+    for y in range(len(rest_segment)):
+        nodes = order[node_start[y] : node_start[y + 1]]
+        for a in range(1, len(nodes)):  # insertion sort: stable, and linear on what is nearly sorted
+            node = nodes[a]
+            b = a - 1
+            while b >= 0 and u[nodes[b]] > u[node]:
+                nodes[b + 1] = nodes[b]
+                b -= 1
+            nodes[b + 1] = node
+        distance = safety_distance * rest_segment[y]
+        last = -1  # position in `nodes` of the last EoL node
+        for a in range(len(nodes)):
+            node = nodes[a]
+            eil[node] = False
+            if not active[node_point[node]]:
+                continue
+            if kinematic[y]:
+                eil[node] = not u_fixed[node]
+                continue
+            while last >= 0 and _apart(u, u_rate, nodes[last], node, h) < distance:
+                if not u_fixed[node]:
+                    eil[node] = True
+                    break
+                if u_fixed[nodes[last]]:
+                    break
+                eil[nodes[last]] = True
+                last = _previous_eol(nodes, last, eil, active, node_point)
+            if not eil[node]:
+                last = a
+
+
+@njit(cache=True)
+def _apart(u, u_rate, i, j, h):
+    now = u[j] - u[i]
+    return min(now, now + h * (u_rate[j] - u_rate[i]))
+
+
+@njit(cache=True)
+def _previous_eol(nodes, position, eil, active, node_point):
+    position -= 1
+    while position >= 0 and (eil[nodes[position]] or not active[node_point[nodes[position]]]):
+        position -= 1
+    return position
+
+
+@njit(cache=True)
+def _link(node_start, node_point, order, eil, active, node, start, before, after):
+    length = 0
+    for y in range(len(start) - 1):
+        last = -1
+        first, end = node_start[y], node_start[y + 1]
+        for a in range(first, end):
+            i = order[a]
+            if active[node_point[i]]:
+                before[i] = last
+                if not eil[i]:
+                    node[length] = i
+                    length += 1
+                    last = i
+        start[y + 1] = length
+        last = -1
+        for a in range(end - 1, first - 1, -1):
+            i = order[a]
+            if active[node_point[i]]:
+                after[i] = last
+                if not eil[i]:
+                    last = i
+    return length
