@@ -98,6 +98,8 @@ def run(
             reason = str(error) if foreseen else f"{type(error).__name__}: {error}"
             with suppress(OSError):  # a full disk is the reason already, and may not hold the report
                 loop.finish("failed", used_threads, reason)
+            if isinstance(error, SimulationFailed):
+                raise
             raise SimulationFailed(reason) from error
         return loop.finish(state, used_threads)
 

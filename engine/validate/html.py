@@ -24,7 +24,7 @@ section { margin-top: 1.25rem; padding: 1.1rem 1.25rem; background: var(--card);
 caption { text-align: left; color: var(--soft); padding-bottom: .3rem; }
 th, td { padding: .28rem .6rem; border-bottom: 1px solid var(--grid); text-align: right; white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; } thead th { color: var(--soft); font-weight: 600; }
-svg { width: 100%; height: auto; display: block; } svg text { fill: var(--soft); font-size: 12px; }
+svg { width: 100%; max-width: 40rem; height: auto; display: block; } svg text { fill: var(--soft); font-size: 12px; }
 .grid { stroke: var(--grid); } .frame { stroke: var(--line); fill: none; }
 .bar { stroke: var(--fail); stroke-dasharray: 6 4; } svg text.barname { fill: var(--fail); }
 """
@@ -53,5 +53,7 @@ def table(caption: str, columns: list[str], rows: list[list[str]]) -> str:
 
 
 def number(value: float | None) -> str:
-    """Return a number as pages show it, a dash for none."""
-    return "–" if value is None else f"{value:.3g}"
+    """Return a number as pages show it: whole ones in full up to a million, others to three digits, a dash for none."""
+    if value is None:
+        return "–"
+    return f"{value:.0f}" if value == round(value) and abs(value) <= 1e6 else f"{value:.3g}"

@@ -6,7 +6,7 @@ from itertools import pairwise
 from math import ceil, floor, isfinite, log10
 
 WIDTH, HEIGHT = 560, 320
-LEFT, RIGHT, TOP, BOTTOM = 74, 16, 14, 52
+LEFT, RIGHT, TOP, BOTTOM = 74, 16, 30, 52
 SERIES_COLOURS = 4
 
 
@@ -38,10 +38,12 @@ def loglog(title: str, x_name: str, y_name: str, series: list[Series], bar: floa
         y = up.place(bar)
         parts.append(f'<line class="bar" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
         parts.append(f'<text class="barname" x="{WIDTH - RIGHT - 4}" y="{y - 5:.1f}" text-anchor="end">bar</text>')
-    for index, (name, points) in enumerate(drawn):
-        parts.append(_curve(index, [(across.place(x), up.place(y), label) for x, y, label in points]))
-        if len(drawn) > 1:
-            parts.append(_legend(index, name))
+    parts += [
+        _curve(index, [(across.place(x), up.place(y), label) for x, y, label in points])
+        for index, (_, points) in enumerate(drawn)
+    ]
+    if len(drawn) > 1:
+        parts.append(_legend([name for name, _ in drawn]))
     return (
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}; the table holds the numbers">'
         + "".join(parts) + "</svg>"
@@ -75,11 +77,11 @@ def _grid(across: _Axis, up: _Axis, x_name: str, y_name: str) -> str:
     for value in across.ticks():
         x = across.place(value)
         parts.append(f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="{TOP}" y2="{bottom}"/>')
-        parts.append(f'<text x="{x:.1f}" y="{bottom + 17}" text-anchor="middle">{value:.3g}</text>')
+        parts.append(f'<text x="{x:.1f}" y="{bottom + 17}" text-anchor="middle">{_tick(value)}</text>')
     for value in up.ticks():
         y = up.place(value)
         parts.append(f'<line class="grid" x1="{LEFT}" x2="{right}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(f'<text x="{LEFT - 8}" y="{y + 4:.1f}" text-anchor="end">{value:.3g}</text>')
+        parts.append(f'<text x="{LEFT - 8}" y="{y + 4:.1f}" text-anchor="end">{_tick(value)}</text>')
     parts.append(f'<rect class="frame" x="{LEFT}" y="{TOP}" width="{right - LEFT}" height="{bottom - TOP}"/>')
     middle = (TOP + bottom) / 2
     parts.append(f'<text x="{(LEFT + right) / 2}" y="{HEIGHT - 12}" text-anchor="middle">{escape(x_name)}</text>')
@@ -109,8 +111,17 @@ def _mark(index: int, x: float, y: float) -> str:
     return f'<path d="M{x:.1f} {y - 5:.1f} l5 5 l-5 5 l-5 -5 z"/>'
 
 
-def _legend(index: int, name: str) -> str:
-    x, y = LEFT + 14, TOP + 16 + 18 * index
-    colour = f"var(--s{index % SERIES_COLOURS})"
-    mark = f'<g fill="{colour}" stroke="{colour}">{_mark(index, x, y - 4)}</g>'
-    return f'{mark}<text x="{x + 12}" y="{y}">{escape(name)}</text>'
+def _legend(names: list[str]) -> str:
+    """Markers and names in a line above the plot."""
+    parts, x = [], float(LEFT + 5)
+    for index, name in enumerate(names):
+        colour = f"var(--s{index % SERIES_COLOURS})"
+        parts.append(f'<g fill="{colour}" stroke="{colour}">{_mark(index, x, TOP - 16)}</g>')
+        parts.append(f'<text x="{x + 11:.1f}" y="{TOP - 12}">{escape(name)}</text>')
+        x += 34 + 6.8 * len(name)  # about the width of a letter
+    return "".join(parts)
+
+
+def _tick(value: float) -> str:
+    """A tick's label; far from one, only the power of ten."""
+    return f"{value:g}" if 1e-3 <= value < 1e4 else f"{value:.0e}".replace("e+0", "e").replace("e-0", "e-")
