@@ -209,7 +209,7 @@ class _Loop:
 
     def _write_frame(self, h: float, report: "StepReport | None") -> None:
         """Write the frame that is due and observe what the motion should have kept; the first has no step before."""
-        began = perf_counter()
+        began, compiled_before = perf_counter(), self._compile_seconds()
         energies = self.simulated.energies()
         self.statistics.observed(self.simulated.invariants(self.time, energies))
         series = {
@@ -226,7 +226,7 @@ class _Loop:
         if self.scene.output.frames:
             write_frame(self.job.path, frame)
         self.next_frame += 1
-        self._spent_on_output(began)
+        self._spent_on_output(began, compiled_before)
         if self.on_frame:
             self.on_frame(frame)
 
@@ -239,13 +239,13 @@ class _Loop:
         )
 
     def _write_checkpoint(self) -> None:
-        began = perf_counter()
+        began, compiled_before = perf_counter(), self._compile_seconds()
         self._take_times()
         write_checkpoint(self.job.path, Checkpoint(
             self.scene_fingerprint, self.time, self.step, self.next_frame, self.size, self.simulated.arrays(),
             self.statistics,
         ))
-        self._spent_on_output(began)
+        self._spent_on_output(began, compiled_before)
         self.checkpointed, self.checkpointed_frame = perf_counter(), self.next_frame
         self.checkpoint_cost = self.checkpointed - began
         self.job.log("checkpoint", time=self.time, step=self.step)
@@ -263,9 +263,11 @@ class _Loop:
             wall_s=self.earlier_wall + now - self.began,
         ))
 
-    def _spent_on_output(self, began: float) -> None:
-        stages = self.statistics.stages
-        stages["output"] = stages.get("output", 0.0) + perf_counter() - began
+    def _spent_on_output(self, began: float, compiled_before: float) -> None:
+        """Count the time since `began` as a stage, unless kernels were compiled in it."""
+        if self._compile_seconds() == compiled_before:
+            stages = self.statistics.stages
+            stages["output"] = stages.get("output", 0.0) + perf_counter() - began
 
     def _compile_seconds(self) -> float:
         return self.compilation.duration if self.compilation.done else 0.0
