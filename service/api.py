@@ -6,12 +6,13 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request
 from fastapi.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
+from pydantic import Field
 from starlette.concurrency import run_in_threadpool
 
-from engine.scene.build import estimate
 from engine.scene.load import load_scene, scene_schema, shipped_scenes
+from engine.scene.size import estimate
 from service import artefacts
-from service.events import ends, stream
+from service.events import stream
 from service.lifecycle import JobState
 from service.metrics import exposition
 from service.problems import ProblemError
@@ -23,6 +24,7 @@ health = APIRouter(tags=["health"])
 
 SCENE_BODY = {"requestBody": {"required": True, "content": {"application/json": {
     "schema": {"type": "object", "description": "A scene, as GET /v1/schema describes it."}}}}}
+EventNumber = Annotated[int, Field(ge=0, le=2**62)]
 ANY_PROBLEM: dict[int | str, dict[str, Any]] = {"4XX": {
     "description": "What is wrong, as RFC 9457 problem details.", "content": {"application/problem+json": {}}}}
 
@@ -101,26 +103,27 @@ def cancel(request: Request, job: str) -> dict[str, Any]:
 
 
 @router.get("/jobs/{job}/events", responses=ANY_PROBLEM, tags=["jobs"])
-def follow(request: Request, job: str,
-           last_event_id: Annotated[int, Header(ge=0, le=2**62)] = 0) -> Response:
-    """Follow one job as server-sent events (state, progress, log) from `Last-Event-ID` on, to its end.
+def follow(request: Request, job: str, after: EventNumber = 0,
+           last_event_id: Annotated[EventNumber | None, Header()] = None) -> Response:
+    """Follow one job as server-sent events (state, progress, log) from `after` or `Last-Event-ID` on, to its end.
 
     Where nothing will follow any more the answer is 204, which tells browsers not to come back.
     """
     found = job_of(request, job)
     service = service_of(request)
-    if found.state.final:
-        rest = service.store.events(last_event_id, job)
-        if not any(ends(event) for event in rest):
-            return Response(status_code=204)
-    return _event_stream(service, last_event_id, job)
+    seen = after if last_event_id is None else last_event_id
+    if found.state.final and service.store.last_event(job) <= seen:
+        return Response(status_code=204)
+    return _event_stream(service, seen, job)
 
 
 @router.get("/events", tags=["jobs"])
-def follow_all(request: Request, last_event_id: Annotated[int | None, Header(ge=0, le=2**62)] = None) -> Response:
-    """Follow all jobs as server-sent events, from `Last-Event-ID` on or from now."""
+def follow_all(request: Request, after: EventNumber | None = None,
+               last_event_id: Annotated[EventNumber | None, Header()] = None) -> Response:
+    """Follow all jobs as server-sent events, from `after` or `Last-Event-ID` on, by default from now."""
     service = service_of(request)
-    return _event_stream(service, service.store.last_event() if last_event_id is None else last_event_id, None)
+    seen = after if last_event_id is None else last_event_id
+    return _event_stream(service, service.store.last_event() if seen is None else seen, None)
 
 
 def _event_stream(service: Service, after: int, job: str | None) -> StreamingResponse:
@@ -145,7 +148,8 @@ def files(request: Request, job: str) -> dict[str, Any]:
     return {"files": artefacts.listing(service_of(request).store.directory(job))}
 
 
-@router.api_route("/jobs/{job}/files/{name:path}", methods=["GET", "HEAD"], responses=ANY_PROBLEM, tags=["results"])
+@router.head("/jobs/{job}/files/{name:path}", include_in_schema=False)
+@router.get("/jobs/{job}/files/{name:path}", responses=ANY_PROBLEM, tags=["results"])
 def file(request: Request, job: str, name: str) -> Response:
     """Send one file, whole or in a range."""
     job_of(request, job)

@@ -1,6 +1,7 @@
 """What the service measures of itself, in the text format of Prometheus."""
 
 import shutil
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import psutil
@@ -26,7 +27,7 @@ def exposition(service: "Service") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _metric(lines: list[str], name: str, help_text: str, values: dict[str, float]) -> None:
+def _metric(lines: list[str], name: str, help_text: str, values: Mapping[str, float]) -> None:
     lines += [f"# HELP {name} {help_text}", f"# TYPE {name} gauge"]
     lines += [f"{name}{{{labels}}} {value}" if labels else f"{name} {value}" for labels, value in values.items()]
 

@@ -12,15 +12,16 @@ from urllib.parse import parse_qs, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import cookie_parser
-from starlette.responses import RedirectResponse
+from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from engine.scene.document import SIZE_LIMIT
 from service.problems import ProblemError, problem
 
-MAX_BODY = 16 * 2**20  # of a request; parsing takes about 20 times this in memory [bytes]
 COOKIE = "strandline-token"
 OPEN_PATHS = ("/healthz", "/readyz")
-TOO_LARGE = f"A request may hold {MAX_BODY // 2**20} MiB."
+TOO_LARGE = "The request is too large."  # parsing would take about 20 times its size in memory
+ALLOWED_SIZE = f"at most {SIZE_LIMIT:,} bytes"
 PAGE_POLICY = ("default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
                "form-action 'self'; base-uri 'none'; frame-ancestors 'none'")
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
@@ -63,7 +64,8 @@ class Guard:
 
         await self._app(scope, _Limited(receive), send_with_policy)
 
-    def _refusal(self, scope: Scope, headers: Headers):
+    def _refusal(self, scope: Scope, headers: Headers) -> Response | None:
+        """Return the answer to a request that must not get in, None for one that may."""
         host = headers.get("host", "")
         if self._token is None and not is_loopback(_name(host)):
             return problem(421, f"This service does not answer for the host {host!r}.",
@@ -82,8 +84,8 @@ class Guard:
                 return problem(401, "This service needs its token, as 'Authorization: Bearer TOKEN'.",
                                {"WWW-Authenticate": "Bearer"})
         length = headers.get("content-length", "0")
-        if not length.isdigit() or int(length) > MAX_BODY:
-            return problem(413, TOO_LARGE, allowed=f"<= {MAX_BODY} bytes")
+        if not length.isdigit() or int(length) > SIZE_LIMIT:
+            return problem(413, TOO_LARGE, allowed=ALLOWED_SIZE)
         return None
 
     def _known(self, token: str) -> bool:
@@ -100,8 +102,8 @@ class _Limited:
     async def __call__(self) -> Message:
         message = await self._receive()
         self._seen += len(message.get("body", b""))
-        if self._seen > MAX_BODY:
-            raise ProblemError(413, TOO_LARGE, allowed=f"<= {MAX_BODY} bytes")
+        if self._seen > SIZE_LIMIT:
+            raise ProblemError(413, TOO_LARGE, allowed=ALLOWED_SIZE)
         return message
 
 

@@ -186,9 +186,11 @@ class Store:
                                           {"after": after, "job": job, "limit": limit})
         return [Event(row["id"], row["job"], row["kind"], row["time"], json.loads(row["data"])) for row in rows]
 
-    def last_event(self) -> int:
-        """Return the id of the newest event, 0 where there is none."""
-        return self._connection().execute("SELECT coalesce(max(id), 0) FROM events").fetchone()[0]
+    def last_event(self, job: str | None = None) -> int:
+        """Return the id of the newest event of one job or of all, 0 where there is none."""
+        which = "" if job is None else "WHERE job = :job"
+        newest = self._connection().execute(f"SELECT coalesce(max(id), 0) FROM events {which}", {"job": job})
+        return newest.fetchone()[0]
 
     # what supervisors do
 

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 from service.lifecycle import JobEvent
 from service.store import Job, LeaseLost, Store
@@ -154,7 +155,7 @@ class Supervisor:
         attempt.process.wait()
         del self._attempts[attempt.job.id]
 
-    def _errors(self, job: str):
+    def _errors(self, job: str) -> Path:
         return self._store.private / f"{job}.err"
 
     def _last_words(self, job: str) -> str:

@@ -1,6 +1,7 @@
 """A worker for tests of the supervisor: counts, with checkpoints, as its scene.json says; started like the real one.
 
-`{"steps": 20, "seconds": 0.02, "does": "count" | "die" | "fail" | "break" | "ignore"}`
+`{"steps": 20, "seconds": 0.02, "does": "count" | "die" | "fail" | "break" | "ignore"}`; a real scene is counted to
+20, or longer where the name says so.
 """
 
 import argparse
@@ -26,7 +27,8 @@ def main() -> None:
     arguments = parser.parse_args()
     tether(arguments.parent)
     directory = Path(arguments.data) / arguments.job
-    plan = json.loads((directory / "scene.json").read_text())
+    scene = json.loads((directory / "scene.json").read_text())
+    plan = {"steps": 2000 if scene.get("name") == "long" else 20, "seconds": 0.02, "does": "count"} | scene
     stop = []
     signal.signal(signal.SIGTERM, signal.SIG_IGN if plan["does"] == "ignore" else lambda *_: stop.append(True))
     store = Store(Path(arguments.data))
@@ -49,7 +51,8 @@ def main() -> None:
         aside = directory / "checkpoint.aside"
         aside.write_text(str(step))
         aside.replace(checkpoint)
-        store.report_progress(arguments.job, arguments.fence, {"step": step, "time": step, "until": plan["steps"]})
+        store.report_progress(arguments.job, arguments.fence, {
+            "step": step, "time": step, "until": plan["steps"], "s_per_step": plan["seconds"], "residual": 1e-4})
 
 
 if __name__ == "__main__":

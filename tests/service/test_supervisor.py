@@ -13,13 +13,11 @@ import pytest
 from service.lifecycle import JobState
 from service.store import Store
 from service.supervisor import Supervisor
-
-ROOT = Path(__file__).parents[2]
+from tests.service.conftest import COUNTING_WORKER, wait_for
 
 
 @pytest.fixture
-def store(tmp_path, monkeypatch):
-    monkeypatch.chdir(ROOT)  # workers are started as modules of the tests
+def store(tmp_path):
     return Store(tmp_path)
 
 
@@ -28,8 +26,7 @@ def supervisor(store):
     started = []
 
     def start(**options):
-        command = (sys.executable, "-m", "tests.service.counting_worker")
-        started.append(Supervisor(store, command=command, **options))
+        started.append(Supervisor(store, command=COUNTING_WORKER, **options))
         started[-1].start()
         return started[-1]
 
@@ -40,14 +37,6 @@ def supervisor(store):
 
 def submit(store, does="count", steps=20, seconds=0.02):
     return store.submit("scene", json.dumps({"does": does, "steps": steps, "seconds": seconds}), {})[0].id
-
-
-def wait_for(condition, patience=20.0):
-    deadline = time.monotonic() + patience
-    while not (value := condition()):
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.01)
-    return value
 
 
 def wait_for_state(store, job, state, patience=20.0):
