@@ -88,10 +88,12 @@ def _shown(request: Request, job: Job) -> dict[str, Any]:
     service = service_of(request)
     shown: dict[str, Any] = {**job.public(), "final": job.state.final, "fraction": _fraction(job)}
     host = request.url.hostname or ""
-    if service.viewer_port is not None and is_loopback(host):  # the viewer listens on this machine only
+    if job.started and service.viewer_port is not None and is_loopback(host):  # the viewer listens on this machine only
         name = f"[{host}]" if ":" in host else host
         shown["viewer"] = f"http://{name}:{service.viewer_port}/?{urlencode({'job': job.id})}"
-    if artefacts.find(service.store.directory(job.id), "recording.rrd") is not None:
+    directory = service.store.directory(job.id)
+    shown["has_report"] = job.state.final and artefacts.find(directory, "report.json") is not None
+    if artefacts.find(directory, "recording.rrd") is not None:
         recording = str(request.base_url) + f"v1/jobs/{job.id}/files/recording.rrd"
         shown["recording"] = "/recording/index.html?" + urlencode(
             {"url": recording, "renderer": "webgl", "hide_welcome_screen": "1", "persist": "false"})

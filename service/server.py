@@ -48,6 +48,7 @@ class Service:
         self.config = config
         self.token = None if is_loopback(config.host) else config.token
         self.stopping = threading.Event()
+        self._http: _Http | None = None
         self._listener = listen(config.host, config.port, "--port")
         self.port: int = self._listener.getsockname()[1]
         self.viewer_port = free_port(config.viewer_port) if config.viewer else None
@@ -79,21 +80,18 @@ class Service:
         self.supervisor.close()
 
     def run(self) -> None:
-        """Serve until the process is asked to end, or `stop` is called."""
+        """Serve until the process is asked to end (then the signal is raised again), or `stop` is called."""
         from service.app import create_app
 
         config = uvicorn.Config(create_app(self), log_level="warning", timeout_graceful_shutdown=3, server_header=False)
         self._http = _Http(config, self.stopping)
-        self.start()
-        try:
-            self._http.run(sockets=[self._listener])
-        finally:
-            self.close()
+        self._http.run(sockets=[self._listener])
 
     def stop(self) -> None:
         """Have `run` return; for callers that run it in a thread."""
         self.stopping.set()
-        self._http.should_exit = True
+        if self._http is not None:
+            self._http.should_exit = True
 
 
 class _Http(uvicorn.Server):

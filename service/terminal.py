@@ -1,14 +1,16 @@
 """What the commands share on the terminal: messages, the progress bar, and how a scene is found."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
 import typer
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
 from rich.table import Table
+from rich.text import Text
 
 from service.wording import duration, label, number, quantity
 
@@ -19,6 +21,8 @@ EXIT_STOPPED = 130  # by the user, as for any command that Ctrl-C ends
 
 DEFAULT_DATA = Path("strandline-data")
 STATE_STYLES = {"queued": "yellow", "running": "cyan", "succeeded": "green", "failed": "red", "cancelled": "dim"}
+
+STARTING = "starting; the first run after an update compiles its kernels"
 
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
@@ -48,15 +52,24 @@ def token() -> str | None:
     return os.environ.get("STRANDLINE_TOKEN") or None
 
 
+class _BarAndFigures(Progress):
+    """A progress bar with a line of figures below, which so have room on a narrow terminal too."""
+
+    def get_renderables(self) -> Iterator[RenderableType]:
+        yield self.make_tasks_table(self.tasks)
+        for task in self.tasks:
+            yield Text(f"  {task.fields['figures']}", style="dim", no_wrap=True, overflow="ellipsis")
+
+
 class RunBar:
     """A progress bar that follows a run: simulated time, steps a second, seconds a step, residual, time left."""
 
     def __init__(self, name: str) -> None:
         """Follow the scene `name`; use as a context."""
-        self._progress = Progress(
+        self._progress = _BarAndFigures(
             SpinnerColumn(), TextColumn("[bold]{task.description}"), BarColumn(bar_width=None),
-            TextColumn("{task.percentage:>3.0f} %"), TextColumn("{task.fields[figures]}"), console=err, expand=True)
-        self._task: TaskID = self._progress.add_task(escape(name), total=None, figures="starting, compiling if need be")
+            TextColumn("{task.percentage:>3.0f} %"), console=err, expand=True)
+        self._task: TaskID = self._progress.add_task(escape(name), total=None, figures=STARTING)
 
     def __enter__(self) -> "RunBar":
         self._progress.start()
@@ -68,9 +81,9 @@ class RunBar:
     def show(self, progress: dict[str, Any]) -> None:
         """Show a progress event."""
         per_step = progress.get("s_per_step")
-        rate = f"{1 / per_step:.3g} steps/s, {duration(per_step)}/step" if per_step else "–"
-        figures = (f"{progress['time']:.3f}/{progress['until']:g} s  {rate}  residual {number(progress['residual'])}  "
-                   f"{duration(progress.get('seconds_left'))} left")
+        rate = f"{1 / per_step:.3g} steps/s · {duration(per_step)}/step" if per_step else "–"
+        figures = (f"{progress['time']:.3f} of {progress['until']:g} s · {rate} · "
+                   f"residual {number(progress['residual'])} · {duration(progress.get('seconds_left'))} left")
         self._progress.update(self._task, total=progress["until"], completed=progress["time"], figures=figures)
 
     def say(self, figures: str) -> None:

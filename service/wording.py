@@ -70,7 +70,7 @@ def quantity(key: str, value: Any) -> str:
 
 def clock(timestamp: str | None) -> str:
     """Return an ISO 8601 time in this machine's zone, date and minute."""
-    return "–" if timestamp is None else datetime.fromisoformat(timestamp).astimezone().strftime("%d %b %H:%M:%S")
+    return "–" if timestamp is None else datetime.fromisoformat(timestamp).astimezone().strftime("%d %b %H:%M")
 
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

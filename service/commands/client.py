@@ -15,6 +15,7 @@ from service.terminal import (
     EXIT_ERROR,
     EXIT_FAILED,
     EXIT_INVALID,
+    STARTING,
     STATE_STYLES,
     RunBar,
     err,
@@ -73,7 +74,7 @@ def follow_job(client: "Client", job: dict[str, Any]) -> dict[str, Any]:
             if kind == "progress":
                 bar.show(data)
             elif kind == "state":
-                bar.say("starting, compiling if need be" if data["state"] == "running" else data["state"])
+                bar.say(STARTING if data["state"] == "running" else data["state"])
     return client.job(job["id"])
 
 
@@ -92,7 +93,7 @@ def jobs(
         return
     table = Table(box=None)
     for column in ("job", "scene", "state", "done", "left", "submitted"):
-        table.add_column(column)
+        table.add_column(column, no_wrap=column != "scene", overflow="fold")
     for job in found:
         progress = job.get("progress", {})
         running = job["state"] == "running"

@@ -49,7 +49,10 @@ def serve(
     """
     service = _service(host=host, port=port, data=data, workers=workers, viewer_port=viewer_port)
     _introduce(service)
-    service.run()
+    try:
+        service.run()
+    except KeyboardInterrupt:
+        err.print("closed; jobs that had not ended continue when the service is started again")
 
 
 def demo(

@@ -52,7 +52,10 @@ def main() -> None:
         aside.write_text(str(step))
         aside.replace(checkpoint)
         store.report_progress(arguments.job, arguments.fence, {
-            "step": step, "time": step, "until": plan["steps"], "s_per_step": plan["seconds"], "residual": 1e-4})
+            "time": step, "until": plan["steps"], "step": step, "frame": step, "dt": 1.0, "newton_iterations": 3,
+            "residual": 1.23e-4, "contact_gap": 1e-4, "counts": {"lagrangian": 96, "eol_intra": 364, "eil": 40 + step},
+            "s_per_step": plan["seconds"], "wall_s": step * plan["seconds"],
+            "seconds_left": (plan["steps"] - step) * plan["seconds"]})
 
 
 if __name__ == "__main__":
