@@ -1,0 +1,162 @@
+"""How yarns lie over and under each other in pictures.
+
+The two nodes of an Eulerian-on-Lagrangian contact share one point, and stacked fabrics share one surface: the method
+ignores thickness, and yarns drawn where they are computed would run through each other. So for display only, each
+yarn of a crossing moves by its radius to its own side of the point, and each fabric by the thickness of those below
+it (Sánchez-Banderas 2020 does the same to render). Simulation and reports know nothing of this.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from engine.arrays import Flags, Floats, Ints
+from engine.run.frames import YarnFrame
+from engine.scene.build import Built
+from engine.scene.schema import Scene
+from engine.scene.stack import levels
+from engine.yarns.model import YarnModel
+from viewer.layers import line_node_yarns
+
+CURVE_PIECES = 5  # pieces into which a segment is cut, so that yarns look bent and not broken
+CURVE_NODES = 60_000  # fewer pieces where there would be more line nodes than a browser draws smoothly
+PARALLEL = 1e-3  # sine of the angle below which two yarns define no side
+
+
+Layout = Callable[[YarnFrame], YarnFrame]  # moves yarns to where they are drawn
+
+
+def layout_of(scene: Scene, built: Built) -> Layout:
+    """Return how the yarns of a scene are laid out."""
+    if built.yarns is None:
+        return unchanged
+    return partial(lay_out, model=built.yarns, lifts=yarn_lifts(scene, built.yarns))
+
+
+def unchanged(yarns: YarnFrame) -> YarnFrame:
+    """Return the yarns as they are."""
+    return yarns
+
+
+def yarn_lifts(scene: Scene, model: YarnModel) -> Floats:
+    """Return how far above its points the middle of each yarn's fabric is drawn, 0 for single yarns, shape [Y] [m].
+
+    A fabric is four radii thick, two yarns over each other. Half of that would sink into what the lowest one lies on,
+    from which its points keep a distance of one radius.
+    """
+    lifts = np.zeros(model.yarn_count)
+    level = levels(scene.fabrics, scene.contacts)
+    height = 0.0
+    for here in sorted(set(level.values())):
+        of_level = np.isin(model.fabric, [i for i, fabric in enumerate(scene.fabrics) if level[fabric.name] == here])
+        radius = model.radius[of_level].max()
+        lifts[of_level] = height + radius
+        height += 4 * radius
+    return lifts
+
+
+def lay_out(yarns: YarnFrame, model: YarnModel, lifts: Floats) -> YarnFrame:
+    """Return the yarns as curves through where they are drawn, with more line nodes than they have EoL nodes.
+
+    At the crossings of a fabric, and of single yarns, the way to go is known; between them it is interpolated along
+    the yarn, beyond the last it stays the same. A yarn without crossings stays where it is.
+    """
+    points = yarns.node_points
+    nodes = model.point_nodes[points]
+    pair = model.node_yarn[nodes]
+    own = (nodes[:, 1] >= 0) & (model.fabric[pair[:, 0]] == model.fabric[pair[:, 1]])
+    pair, side = pair[own], model.side[points[own]]
+    line_yarn = line_node_yarns(yarns)
+    line = _line_nodes(line_yarn, yarns.line_positions, pair, yarns.node_positions[own])
+    tangents = _tangents(line_yarn, yarns.line_positions)
+    up = side[:, None] * np.cross(tangents[line[:, 0]], tangents[line[:, 1]])
+    sine = np.linalg.norm(up, axis=1)
+    usable = (line >= 0).all(axis=1) & (sine > PARALLEL)
+    line, pair, up = line[usable], pair[usable], up[usable] / sine[usable, None]
+    offsets, known = np.zeros_like(yarns.line_positions), np.zeros(len(line_yarn), bool)
+    for slot, sign in ((0, -1.0), (1, 1.0)):  # the second yarn of a point lies above the first
+        yarn = pair[:, slot]
+        offsets[line[:, slot]] = (lifts[yarn] + sign * yarns.radius[yarn])[:, None] * up
+        known[line[:, slot]] = True
+    offsets = _between(line_yarn, yarns.line_positions, offsets, known)
+    return _curved(replace(yarns, line_positions=yarns.line_positions + offsets), line_yarn)
+
+
+def _curved(yarns: YarnFrame, line_yarn: Ints) -> YarnFrame:
+    """Return the yarns as smooth curves through their line nodes: cubic pieces, cut into straight ones."""
+    position, strain = yarns.line_positions, yarns.line_strain
+    node = np.arange(len(line_yarn))
+    inner = np.append(line_yarn[:-1] == line_yarn[1:], False)[: len(node)]  # a segment starts at this node
+    after = np.where(inner, node + 1, node)
+    chord = position[after] - position
+    length = np.linalg.norm(chord, axis=1, keepdims=True)
+    slope = chord / np.maximum(length, np.finfo(float).tiny)
+    # the slope of the parabola through a node and its neighbours; at ends one of the two lengths is zero
+    before = np.where(np.roll(inner, 1), node - 1, node)
+    total = np.maximum(length + length[before] * (before != node)[:, None], np.finfo(float).tiny)
+    share_after = np.where((before != node)[:, None], length[before] / total, 1.0)
+    share_after = np.where(inner[:, None], share_after, 0.0)
+    tangent = share_after * slope + (1 - share_after) * slope[before]
+
+    pieces = np.where(inner, min(max(CURVE_NODES // max(len(node), 1), 1), CURVE_PIECES), 1)
+    first = np.cumsum(pieces) - pieces
+    start = np.repeat(node, pieces)
+    end = after[start]
+    t = ((np.arange(len(start)) - first[start]) / pieces[start])[:, None]
+    positions = (
+        (1 + 2 * t) * (1 - t) ** 2 * position[start] + t**2 * (3 - 2 * t) * position[end]
+        + length[start] * (t * (1 - t) ** 2 * tangent[start] - t**2 * (1 - t) * tangent[end])
+    )  # fmt: skip
+    return replace(
+        yarns,
+        line_positions=positions,
+        line_strain=(1 - t[:, 0]) * strain[start] + t[:, 0] * strain[end],
+        line_offsets=np.append(first, len(start))[yarns.line_offsets],
+    )
+
+
+def _line_nodes(line_yarn: Ints, line_positions: Floats, pair: Ints, positions: Floats) -> Ints:
+    """Return the line nodes that the two yarns of each point have at it, -1 where EIL nodes leave none, shape [Q, 2].
+
+    Line nodes carry the very numbers of their point, so that yarn and position identify them.
+    """
+    keys = np.concatenate([
+        np.column_stack([line_yarn, line_positions]),
+        np.column_stack([pair[:, 0], positions]),
+        np.column_stack([pair[:, 1], positions]),
+    ])
+    _, key = np.unique(keys, axis=0, return_inverse=True)
+    key = key.reshape(-1)
+    count = len(line_yarn)
+    node_of_key = np.full(len(keys), -1, np.int64)
+    node_of_key[key[:count]] = np.arange(count)
+    return node_of_key[key[count:]].reshape(2, -1).T
+
+
+def _tangents(line_yarn: Ints, positions: Floats) -> Floats:
+    """Return unit tangents at line nodes, shape [K, 3]."""
+    node = np.arange(len(line_yarn))
+    before, after = np.maximum(node - 1, 0), np.minimum(node + 1, len(node) - 1)
+    before = np.where(line_yarn[before] == line_yarn, before, node)
+    after = np.where(line_yarn[after] == line_yarn, after, node)
+    along = positions[after] - positions[before]
+    return along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), np.finfo(float).tiny)
+
+
+def _between(line_yarn: Ints, positions: Floats, offsets: Floats, known: Flags) -> Floats:
+    """Return the offsets with those not known interpolated along each yarn, shape [K, 3]."""
+    node = np.arange(len(known))
+    before = np.maximum.accumulate(np.where(known, node, -1))
+    after = np.minimum.accumulate(np.where(known, node, len(node))[::-1])[::-1]
+    has_before = (before >= 0) & (line_yarn[before] == line_yarn)
+    has_after = (after < len(node)) & (line_yarn[np.minimum(after, len(node) - 1)] == line_yarn)
+    before, after = np.where(has_before, before, after), np.where(has_after, after, before)
+    placed = has_before | has_after
+    before, after = np.where(placed, before, node), np.where(placed, after, node)
+    steps = np.linalg.norm(np.diff(positions, axis=0, prepend=positions[:1]), axis=1)
+    arc = np.cumsum(steps)
+    span = arc[after] - arc[before]
+    share = np.divide(arc - arc[before], span, out=np.zeros(len(node)), where=span > 0)[:, None]
+    return (1 - share) * offsets[before] + share * offsets[after]

@@ -1,0 +1,140 @@
+"""The controls beside the 3D picture: which job, which moment, what to show, and how the solver did."""
+
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+from viser import uplot
+
+from viewer import layers
+from viewer.layers import Paint
+from viewer.stage import Shown
+from viewer.timeline import Timeline
+
+SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "4": 4.0}
+PAINTS: dict[str, Paint] = {"fabric": "fabric", "stretch strain": "strain"}
+NO_JOB = "none"
+BRAND = (64, 92, 122)
+
+@dataclass(frozen=True)
+class Curve:
+    """One line of a plot."""
+
+    key: str  # in the frames' series
+    label: str
+    colour: str
+    logarithmic: bool = False  # plot the decimal logarithm
+
+
+PLOTS = {
+    "Newton residual, log10": (Curve("residual", "of the force scale", "#007656", logarithmic=True),),
+    "Newton iterations": (Curve("newton_iterations", "last step", "#2662d9"),),
+    "Contacts": (
+        Curve("eol_intra", "EoL in fabrics", "#8a8f98"),
+        Curve("eol_inter", "EoL between", "#cc79a7"),
+        Curve("eil", "EIL", "#de1920"),
+    ),
+}
+
+
+class Panel:
+    """The widgets of one page. They hold what the visitor chose; the session reads them on its own thread."""
+
+    def __init__(self, gui: viser.GuiApi):
+        gui.set_panel_label("Strandline")
+        gui.configure_theme(control_width="medium", brand_color=BRAND, show_logo=False, show_share_button=False)
+        self.job = gui.add_dropdown("Job", (NO_JOB,), initial_value=NO_JOB)
+        self.status = gui.add_html("")
+        self.frame = gui.add_slider("Frame", min=0, max=1, step=1, initial_value=0)
+        self.step = gui.add_button_group("Step", ("first", "back", "next", "last"))
+        self.play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY)
+        self.speed = gui.add_dropdown("Speed ×", tuple(SPEEDS), initial_value="1", hint="against the simulated time")
+        self.follow = gui.add_checkbox("Follow", False, hint="show each new frame as it is written")
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Show"):
+            self.yarns = gui.add_checkbox("Yarns", True, hint="at their real radius, over and under each other")
+            self.nodes = gui.add_checkbox("Nodes", False, hint="on thin yarns, both where they are computed")
+            self.obstacles = gui.add_checkbox("Obstacles", True)
+            self.paint = gui.add_dropdown("Colour by", tuple(PAINTS), initial_value="fabric")
+            self.legend = gui.add_html(legend_html("fabric"))
+            self.refit = gui.add_button("Fit view", icon=viser.Icon.FOCUS_2, color="gray")
+        with tabs.add_tab("Solver"):
+            self._plots = [(curves, _plot(gui, title, curves)) for title, curves in PLOTS.items()]
+
+    def shown(self) -> Shown:
+        """Return what the visitor wants to see."""
+        return Shown(self.yarns.value, self.nodes.value, self.obstacles.value, PAINTS[self.paint.value])
+
+    def set_jobs(self, ids: list[str]) -> None:
+        """Offer these jobs, in this order; the chosen one stays chosen."""
+        options = tuple(ids) or (NO_JOB,)
+        if self.job.options != options:
+            self.job.options = options
+
+    def show_timeline(self, timeline: Timeline) -> None:
+        """Let slider, play button and follow box say what the timeline does."""
+        self.frame.value = timeline.index  # type: ignore[misc]  # settable: mypy loses the setter in viser's inheritance
+        self.follow.value = timeline.follow  # type: ignore[misc]  # settable: mypy loses the setter in viser's inheritance
+        self.play.label = "Pause" if timeline.playing else "Play"
+        self.play.icon = viser.Icon.PLAYER_PAUSE if timeline.playing else viser.Icon.PLAYER_PLAY
+
+    def set_frame_count(self, count: int) -> None:
+        """Let the timeline reach over `count` frames."""
+        self.frame.disabled = count < 2
+        self.frame.max = max(count - 1, 1)
+
+    def set_plots(self, times: list[float], series: list[dict[str, float]]) -> None:
+        """Plot the series of all frames over their times [s]."""
+        x = np.array(times, np.float64)
+        for curves, plot in self._plots:
+            plot.data = (x, *(_values(curve, series) for curve in curves))
+
+
+def legend_html(paint: Paint) -> str:
+    """Return the key to the colours of nodes, and of strain where yarns are painted by it."""
+    rows = [
+        f'<div><span style="display:inline-block;width:.8em;height:.8em;border-radius:50%;margin:0 .5em;'
+        f'border:1px solid #9aa0a6;background:{_css(layers.NODE_COLOURS[state])}"></span>{escape(label)}</div>'
+        for state, label in layers.NODE_LABELS.items()
+    ]
+    if paint == "strain":
+        limit = layers.STRAIN_LIMIT
+        stops = ",".join(_css(tuple(c)) for c in layers.strain_colours(np.linspace(-limit, limit, 9)).tolist())
+        rows.append(
+            f'<div style="margin:.5em .5em 0"><div style="height:.7em;background:linear-gradient(90deg,{stops})"></div>'
+            f'<div style="display:flex;justify-content:space-between"><span>−{limit:.0%}</span><span>0</span>'
+            f"<span>+{limit:.0%}</span></div></div>"
+        )
+    return f'<div style="font-size:.8em;line-height:1.6;padding:.2em .4em">{"".join(rows)}</div>'
+
+
+def status_html(title: str, detail: str) -> str:
+    """Return one strong and one quiet line of text."""
+    return (
+        f'<div style="padding:.2em .8em;font-variant-numeric:tabular-nums"><b>{escape(title)}</b>'
+        f'<div style="font-size:.85em;color:#5f6670">{escape(detail)}</div></div>'
+    )
+
+
+def _values(curve: Curve, series: list[dict[str, float]]) -> NDArray[np.float64]:
+    values = np.array([entry.get(curve.key, np.nan) for entry in series])
+    # a residual of exactly zero has no logarithm and leaves a gap
+    return np.log10(values, out=np.full_like(values, np.nan), where=values > 0) if curve.logarithmic else values
+
+
+def _plot(gui: viser.GuiApi, title: str, curves: tuple[Curve, ...]) -> viser.GuiUplotHandle:
+    lines = (uplot.Series(label=c.label, stroke=c.colour, width=1.5, points={"show": False}) for c in curves)
+    series = (uplot.Series(label="time [s]"), *lines)
+    return gui.add_uplot(
+        data=tuple(np.zeros(1) for _ in series),
+        series=series,
+        title=title,
+        scales={"x": uplot.Scale(time=False)},  # dates otherwise
+        height=170,
+    )
+
+
+def _css(colour: tuple[int, ...]) -> str:
+    return "rgb({},{},{})".format(*colour)

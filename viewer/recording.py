@@ -1,0 +1,183 @@
+"""The recording of a run, `recording.rrd`: what the live page shows, for the Rerun viewer, offline.
+
+Every frame is flushed, so that all frames but the one being written are readable after a crash. A run that goes on
+after one writes a second file under the same recording id; closing joins the two.
+"""
+
+import logging
+import os
+import subprocess
+import sys
+import tempfile
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.components import LineStrip3DBatch
+
+from engine.arrays import Floats, Ints
+from engine.run.frames import Frame, YarnFrame
+from engine.scene.build import build
+from engine.scene.schema import Scene
+from viewer import layers, shapes
+from viewer.lay import layout_of
+
+TIMELINE = "simulated"  # time of the scene [s]
+CLOTH, NODES, OBSTACLES, SERIES = "cloth/yarns", "nodes", "obstacles", "series"
+PLOTS = {
+    "Newton residual": ("residual",),
+    "Iterations": ("newton_iterations", "linear_iterations"),
+    "Contacts": ("eol_intra", "eol_inter", "eil"),
+    "Energy [J]": ("kinetic_energy", "potential_energy"),
+}
+PATIENCE = 30.0  # seconds that the disk may take for a frame
+BACKGROUND = (238, 236, 232)
+log = logging.getLogger(__name__)
+
+
+class Recorder:
+    """Writes the recording of one job. A failure to record is logged and ends the recording, never the run."""
+
+    def __init__(self, scene: Scene, directory: Path):
+        """Record into `directory`. An interrupted recording there is gone on with, unless frame 0 comes first."""
+        built = build(scene)
+        self._scene = scene
+        self._path = directory / "recording.rrd"
+        self._obstacles = built.obstacles
+        self._layout = layout_of(scene, built)
+        self._stream: rr.RecordingStream | None = None
+        self._broken = False
+
+    def log(self, frame: Frame) -> None:
+        """Add one frame."""
+        self._attempt(lambda: self._add(frame), f"frame {frame.index}")
+
+    def close(self) -> None:
+        """Finish the recording, joined with what an earlier, interrupted run left."""
+        self._attempt(self._finish, "the end")
+
+    def _attempt(self, action: Callable[[], None], what: str) -> None:
+        if self._broken:
+            return
+        try:
+            action()
+        except (OSError, RuntimeError, subprocess.SubprocessError) as problem:  # Rerun raises RuntimeError
+            self._broken, self._stream = True, None
+            log.error("recording stops at %s, the run goes on: %s (disk full?)", what, problem)
+
+    def _add(self, frame: Frame) -> None:
+        if self._stream is None:
+            self._stream = self._open(frame)
+        stream = self._stream
+        stream.set_time(TIMELINE, duration=frame.time)
+        stream.set_time("frame", sequence=frame.index)
+        if frame.yarns is not None:
+            drawn = self._layout(frame.yarns)
+            stream.log(CLOTH, rr.LineStrips3D.from_fields(strips=strips(drawn.line_positions, drawn.line_offsets)))
+            lines = strips(frame.yarns.line_positions, frame.yarns.line_offsets)
+            stream.log(f"{NODES}/lines", rr.LineStrips3D.from_fields(strips=lines))
+            points = layers.node_points(frame.yarns)
+            stream.log(f"{NODES}/points", rr.Points3D(points.points, colors=points.colours, radii=points.radii[:1]))
+        for key, value in frame.series.items():
+            stream.log(f"{SERIES}/{key}", rr.Scalars(value))
+        stream.flush(timeout_sec=PATIENCE)
+
+    def _open(self, first: Frame) -> rr.RecordingStream:
+        parts = recording_parts(self._path)
+        if first.index == 0:
+            for part in parts:
+                part.unlink()
+            parts = []
+        target = self._path if not parts else self._path.with_suffix(f".{len(parts)}.rrd")
+        low, high = layers.scene_bounds(first, self._obstacles)
+        identity = uuid.uuid5(uuid.NAMESPACE_URL, f"{self._path.absolute()} {self._scene.model_dump_json()}")
+        stream = rr.RecordingStream("strandline", recording_id=str(identity))
+        stream.save(target, default_blueprint=blueprint(low, high))
+        stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for index in range(len(self._obstacles.kind)):
+            mesh = shapes.obstacle_mesh(self._obstacles, index, low, high)
+            stream.log(f"{OBSTACLES}/{index}", obstacle(mesh), static=True)
+        if first.yarns is not None:
+            log_looks(stream, first.yarns)
+        return stream
+
+    def _finish(self) -> None:
+        if self._stream is None:
+            return
+        self._stream.flush(timeout_sec=PATIENCE)
+        self._stream.disconnect()
+        self._stream = None
+        parts = recording_parts(self._path)
+        if len(parts) > 1:
+            join(parts, self._path)
+
+
+def recording_parts(path: Path) -> list[Path]:
+    """Return the files of an interrupted recording in the order in which they were written."""
+    later = sorted(path.parent.glob(f"{path.stem}.*.rrd"), key=lambda part: int(part.suffixes[-2][1:]))
+    return ([path] if path.exists() else []) + later
+
+
+def join(parts: list[Path], path: Path) -> None:
+    """Write the recording at `path` from its parts, whose torn ends are left out, and delete these.
+
+    Raises OSError or subprocess.SubprocessError where it cannot; the parts are then untouched.
+    """
+    aside = path.with_name(path.name + ".aside")
+    command = [sys.executable, "-m", "rerun", "rrd", "merge", "--continue-on-error", "-o", str(aside), *map(str, parts)]
+    # in a home of its own the program finds no settings, and what runs for the first time reports to nobody
+    with tempfile.TemporaryDirectory() as home:
+        places = dict.fromkeys(("HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME"), home)
+        subprocess.run(command, env={**os.environ, **places}, check=True, capture_output=True)
+    os.replace(aside, path)
+    for part in parts:
+        if part != path:
+            part.unlink()
+
+
+def strips(positions: Floats, offsets: Ints) -> pyarrow.ListArray:
+    """Return polylines in Rerun's own layout, ten times faster than from a list of arrays."""
+    points = pyarrow.FixedSizeListArray.from_arrays(
+        positions.astype(np.float32).ravel(), type=LineStrip3DBatch._ARROW_DATATYPE.value_type
+    )
+    return pyarrow.ListArray.from_arrays(offsets.astype(np.int32), points, type=LineStrip3DBatch._ARROW_DATATYPE)
+
+
+def log_looks(stream: rr.RecordingStream, yarns: YarnFrame) -> None:
+    """Log what never changes about yarns, colour and thickness, once."""
+    colours = layers.fabric_colours(yarns.fabric)
+    for path, thickness in ((CLOTH, 1.0), (f"{NODES}/lines", layers.LINE_SCALE)):
+        looks = rr.LineStrips3D.from_fields(colors=colours, radii=thickness * yarns.radius)
+        stream.log(path, looks, static=True)
+
+
+def obstacle(mesh: shapes.Mesh) -> rr.Mesh3D:
+    """Return a mesh for Rerun."""
+    return rr.Mesh3D(vertex_positions=mesh.vertices, triangle_indices=mesh.faces, albedo_factor=mesh.colour)
+
+
+def blueprint(low: Floats, high: Floats) -> rrb.Blueprint:
+    """Return the layout of the page: the cloth, its discretisation in a second tab, plots beside them."""
+    position, target = layers.viewpoint(low, high)
+    eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=(0, 0, 1))
+    views = (
+        rrb.Spatial3DView(
+            origin="/", name=name, contents=[f"+ /{OBSTACLES}/**", f"+ /{what}/**"],
+            background=BACKGROUND, line_grid=False, eye_controls=eye,
+        )
+        for name, what in (("Cloth", CLOTH.split("/")[0]), ("Nodes", NODES))
+    )  # fmt: skip
+    plots = (
+        rrb.TimeSeriesView(origin=f"/{SERIES}", name=name, contents=[f"+ /{SERIES}/{key}" for key in keys])
+        for name, keys in PLOTS.items()
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(rrb.Tabs(*views), rrb.Vertical(*plots), column_shares=[3, 1]),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+    )

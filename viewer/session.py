@@ -1,0 +1,165 @@
+"""One open page: the job it shows, the moment it is at, and how both move on."""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from queue import SimpleQueue
+
+import viser
+
+from engine.run.frames import Frame
+from engine.scene.load import SceneError
+from viewer.jobs import NO_OBSTACLES, Job, job_ids, read_frame_once
+from viewer.lay import Layout, layout_of, unchanged
+from viewer.layers import scene_bounds
+from viewer.panel import NO_JOB, PAINTS, SPEEDS, Panel, legend_html, status_html
+from viewer.stage import Shown, Stage
+from viewer.timeline import Timeline
+
+LOOK_INTERVAL = 0.25  # between looks at the directory for new frames [s]
+SERIES_PER_TICK = 64  # frames whose series are read at once, so that a long job does not hold up the picture
+log = logging.getLogger(__name__)
+
+
+class Session:
+    """What one client sees. `tick` does all the work, on one thread; callbacks of widgets only leave it notes."""
+
+    def __init__(self, client: viser.ClientHandle, data: Path, asked: str | None):
+        self._client = client
+        self._data = data
+        self._asked = asked
+        self._panel = Panel(client.gui)
+        self._stage = Stage(client)
+        self._timeline = Timeline()
+        self._notes: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._job: Job | None = None
+        self._title = ""
+        self._layout: Layout = unchanged
+        self._obstacles = NO_OBSTACLES
+        self._framed = False  # obstacles and camera have been set for the present job
+        self._drawn: tuple[Frame, Shown] | None = None
+        self._next_look = 0.0
+        self._last_tick: float | None = None
+        self._listen()
+
+    def tick(self, now: float) -> None:
+        """Bring the page up to date; `now` is a monotonic wall time [s]."""
+        passed, self._last_tick = now - (self._last_tick or now), now
+        with self._client.atomic():
+            while not self._notes.empty():
+                self._notes.get()()
+            if now >= self._next_look:
+                self._next_look = now + LOOK_INTERVAL
+                self._look()
+            if self._job is not None:
+                self._timeline.advance(passed * SPEEDS[self._panel.speed.value])
+                self._show(self._job)
+        self._client.flush()
+
+    def _listen(self) -> None:
+        panel, timeline, note = self._panel, self._timeline, self._notes.put
+        steps = {
+            "first": lambda: 0, "back": lambda: timeline.index - 1,
+            "next": lambda: timeline.index + 1, "last": lambda: timeline.last,
+        }  # fmt: skip
+
+        @panel.frame.on_update
+        def _(event: viser.GuiEvent) -> None:
+            if event.client is not None:  # moved by the visitor, not by this program
+                index = panel.frame.value
+                note(lambda: timeline.seek(index))
+
+        @panel.step.on_click
+        def _(event: viser.GuiEvent) -> None:
+            target = steps[panel.step.value]
+            note(lambda: timeline.seek(target()))
+
+        @panel.play.on_click
+        def _(_event: viser.GuiEvent) -> None:
+            note(lambda: timeline.seek(timeline.index) if timeline.playing else timeline.play())
+
+        @panel.follow.on_update
+        def _(event: viser.GuiEvent) -> None:
+            if event.client is not None:
+                wanted = panel.follow.value
+                note(lambda: self._follow(wanted))
+
+        @panel.job.on_update
+        def _(event: viser.GuiEvent) -> None:
+            if event.client is not None:
+                chosen = panel.job.value
+                note(lambda: self._open(chosen))
+
+        @panel.paint.on_update
+        def _(_event: viser.GuiEvent) -> None:
+            panel.legend.content = legend_html(PAINTS[panel.paint.value])
+
+        @panel.refit.on_click
+        def _(_event: viser.GuiEvent) -> None:
+            note(self._refit)
+
+    def _look(self) -> None:
+        """See which jobs there are and what the present one has written."""
+        ids = job_ids(self._data)
+        self._panel.set_jobs(ids)
+        if self._job is None and ids:
+            if self._asked is None or self._asked in ids:
+                self._open(self._asked or ids[0])
+            else:
+                self._panel.status.content = status_html(self._asked, "waiting for this job to begin")
+        if self._job is None:
+            return
+        changed = self._job.look()
+        if self._job.read_series(SERIES_PER_TICK) or changed:
+            self._next_look = 0.0  # there may be more
+            self._timeline.extend(self._job.times)
+            self._panel.set_frame_count(len(self._job.times))
+            self._panel.set_plots(self._job.times, self._job.series)
+
+    def _open(self, job_id: str) -> None:
+        """Turn to another job."""
+        if job_id == NO_JOB:
+            return
+        self._job, self._framed, self._drawn = Job(self._data / job_id), False, None
+        self._stage.clear()
+        self._timeline.extend([])
+        try:
+            scene, built = self._job.scene()
+        except SceneError as problem:
+            # yarns are in the frames; without the scene their order over each other and the obstacles are missing
+            self._title, self._obstacles, self._layout = "scene not readable", NO_OBSTACLES, unchanged
+            log.warning("job %s: %s", job_id, problem)
+        else:
+            self._title, self._obstacles, self._layout = scene.name, built.obstacles, layout_of(scene, built)
+        self._panel.job.value = job_id  # type: ignore[misc]  # settable: mypy loses the setter in viser's inheritance
+        self._follow(True)
+        self._next_look = 0.0
+
+    def _follow(self, wanted: bool) -> None:
+        self._timeline.playing, self._timeline.follow = False, wanted
+        self._timeline.extend(self._timeline.times)
+
+    def _show(self, job: Job) -> None:
+        """Draw the frame that the timeline is at, if it is not on the page already."""
+        timeline, panel = self._timeline, self._panel
+        panel.show_timeline(timeline)
+        if not timeline.times:
+            panel.status.content = status_html(self._title, f"{job.state}, no frame yet")
+            return
+        frame, shown = read_frame_once(job.frames[timeline.index]), panel.shown()
+        detail = f"{job.state} · time {frame.time:.4f} s · frame {frame.index} of {timeline.last} · step {frame.step}"
+        panel.status.content = status_html(self._title, detail)
+        if not self._framed:
+            self._frame_view(frame)
+            self._stage.set_obstacles(self._obstacles, *scene_bounds(frame, self._obstacles))
+            self._framed = True
+        if self._drawn is None or self._drawn[0] is not frame or self._drawn[1] != shown:
+            self._stage.draw(frame.yarns, self._layout, shown)
+            self._drawn = (frame, shown)
+
+    def _refit(self) -> None:
+        if self._drawn is not None:
+            self._frame_view(self._drawn[0])
+
+    def _frame_view(self, frame: Frame) -> None:
+        self._stage.frame_camera(*scene_bounds(frame, self._obstacles))

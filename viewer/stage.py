@@ -1,0 +1,117 @@
+"""The 3D picture on one page: lights, obstacles, yarns and nodes as viser nodes whose properties follow the frames."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import viser
+
+from engine.contact.obstacles import Obstacles
+from engine.run.frames import YarnFrame
+from viewer import layers, shapes
+from viewer.lay import Layout
+from viewer.layers import Bytes, Paint
+from viewer.shapes import Instances
+
+SPARE = 1.2  # room for this many times the instances that have to be shown
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the visitor wants to see."""
+
+    yarns: bool
+    nodes: bool
+    obstacles: bool
+    paint: Paint
+
+
+class Stage:
+    """Draws frames on the page of one client. Not thread-safe: one thread draws."""
+
+    def __init__(self, client: viser.ClientHandle):
+        self._client = client
+        self._obstacles: list[viser.MeshHandle] = []
+        self._yarns: viser.BatchedMeshHandle | None = None
+        self._nodes: viser.BatchedMeshHandle | None = None
+        self._lights()
+
+    def _lights(self) -> None:
+        scene = self._client.scene
+        scene.configure_default_lights(False)
+        scene.configure_environment_map(None)
+        sky, ground = (255, 252, 246), (110, 106, 104)
+        scene.add_light_hemisphere("/lights/sky", sky_color=sky, ground_color=ground, intensity=1.9)
+        scene.add_light_directional("/lights/key", color=(255, 248, 238), intensity=2.3, position=(0.5, -0.35, 1.0))
+
+    def clear(self) -> None:
+        """Take away everything of the scene that was shown."""
+        for handle in (*self._obstacles, self._yarns, self._nodes):
+            if handle is not None:
+                handle.remove()
+        self._obstacles, self._yarns, self._nodes = [], None, None
+
+    def set_obstacles(self, obstacles: Obstacles, low: np.ndarray, high: np.ndarray) -> None:
+        """Show the obstacles of a scene that extends from `low` to `high` [m]."""
+        for index in range(len(obstacles.kind)):
+            mesh = shapes.obstacle_mesh(obstacles, index, low, high)
+            self._obstacles.append(
+                self._client.scene.add_mesh_simple(
+                    f"/obstacles/{index}", mesh.vertices, mesh.faces, color=mesh.colour
+                )
+            )
+
+    def frame_camera(self, low: np.ndarray, high: np.ndarray) -> None:
+        """Move the camera so that the box from `low` to `high` [m] fills the picture, z up."""
+        size = float(np.linalg.norm(high - low))
+        camera = self._client.camera
+        camera.up_direction = (0.0, 0.0, 1.0)
+        camera.fov = layers.FIELD_OF_VIEW
+        camera.near, camera.far = size / 500, size * 50
+        camera.position, camera.look_at = layers.viewpoint(low, high)  # in this order: the first moves the second
+
+    def draw(self, yarns: YarnFrame | None, layout: Layout, shown: Shown) -> None:
+        """Show the yarns of one frame: as they lie, or with the nodes on thin lines where they are computed."""
+        for handle in self._obstacles:
+            handle.visible = shown.obstacles
+        if yarns is None:
+            return
+        if shown.nodes:
+            segments = layers.yarn_segments(yarns, shown.paint, layers.LINE_SCALE)
+        else:
+            segments = layers.yarn_segments(layout(yarns), shown.paint)
+        # one colour an instance: that of the middle of the segment
+        colours = segments.colours.mean(axis=1, dtype=np.float32).round().astype(np.uint8)
+        self._yarns = self._instances(self._yarns, "/yarns", shapes.UNIT_TUBE, shapes.tubes(segments), colours)
+        self._yarns.visible = shown.yarns
+        if shown.nodes:
+            points = layers.node_points(yarns)
+            self._nodes = self._instances(self._nodes, "/nodes", shapes.UNIT_BALL, shapes.balls(points), points.colours)
+        if self._nodes is not None:
+            self._nodes.visible = shown.nodes
+
+    def _instances(
+        self,
+        handle: viser.BatchedMeshHandle | None,
+        name: str,
+        unit: shapes.Shape,
+        instances: Instances,
+        colours: Bytes,
+    ) -> viser.BatchedMeshHandle:
+        """Show the instances with the node of the last frame; a new one is made only where they no longer fit."""
+        room = 0 if handle is None else len(handle.batched_positions)
+        count = len(instances.positions)
+        if handle is None or count > room:
+            room = int(count * SPARE)
+        # instances to spare have no size: the number of EoL nodes changes from frame to frame
+        positions, wxyzs, scales, padded = (
+            np.concatenate([a, np.zeros((room - count, a.shape[1]), a.dtype)])
+            for a in (instances.positions, instances.wxyzs, instances.scales, colours)
+        )
+        wxyzs[count:, 0] = 1
+        if handle is None or room > len(handle.batched_positions):
+            return self._client.scene.add_batched_meshes_simple(
+                name, *unit, wxyzs, positions, batched_scales=scales, batched_colors=padded, lod="off"
+            )
+        handle.batched_positions, handle.batched_wxyzs = positions, wxyzs
+        handle.batched_scales, handle.batched_colors = scales, padded
+        return handle
