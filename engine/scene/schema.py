@@ -1,0 +1,264 @@
+"""What a scene may say. All units are SI, angles are in degrees."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from engine.scene.materials import Material
+from engine.scene.quantities import (
+    Angles,
+    Count,
+    Few,
+    Friction,
+    Length,
+    Many,
+    Name,
+    NotNegative,
+    Part,
+    Positive,
+    Seconds,
+    Several,
+    Sizes,
+    Text,
+    Vector,
+)
+from engine.yarns.settings import YarnSettings
+
+
+class Step(Part):
+    """The time step, and the knobs of speed against error of one step."""
+
+    default: Seconds = 1e-3
+    """Time step [s]."""
+    min: Seconds = Field(default_factory=lambda step: max(step["default"] / 1024, 1e-9))
+    """A job whose step must become shorter than this [s] fails; by default after ten halvings."""
+    max: Seconds = Field(default_factory=lambda step: step["default"])
+    """The step never grows longer than this [s]; by default no longer than `default`."""
+    safety_distance: Annotated[float, Field(gt=0, le=0.45)] = YarnSettings.safety_distance
+    """Nodes that come nearer than this, in rest segments, become EIL nodes."""
+    constraint_factor: Positive = YarnSettings.constraint_factor
+    """Stiffness that holds EIL contacts together, over stretch stiffness / rest segment."""
+    friction_factor: Positive = YarnSettings.friction_factor
+    """Stiffness of friction anchors, over stretch stiffness / rest segment."""
+    obstacle_factor: Positive = YarnSettings.obstacle_factor
+    """Stiffness of contact with obstacles, over stretch stiffness / rest segment."""
+    tolerance: Annotated[float, Field(gt=0, le=1)] = YarnSettings.tolerance
+    """Residual force that ends Newton's iterations, relative to the force scale of the step."""
+    max_newton: Annotated[int, Field(ge=1, le=1000)] = YarnSettings.max_newton
+    """Newton iterations after which the step is tried again with half the size."""
+    linear_tolerance: Annotated[float, Field(gt=0, lt=1)] = YarnSettings.linear_tolerance
+    """Relative residual of the linear solve inside Newton."""
+    max_linear: Count = YarnSettings.max_linear
+    """Iterations of the linear solve."""
+    gauge: Annotated[float, Field(ge=0, le=1)] = YarnSettings.gauge
+    """Viscous hold of sliding coordinates, for contacts of parallel yarns."""
+    eil: bool = YarnSettings.eil
+    """Replace nodes that come too near to each other by EIL nodes; off only to show what then fails."""
+    optimal_transition: bool = YarnSettings.optimal_transition
+    """Move nodes along the yarn where they change kind, for the smallest jump of energy."""
+    separation_steps: Annotated[int, Field(ge=1, le=1000)] = YarnSettings.separation_steps
+    """Successive steps of pulling after which a contact between fabrics is removed."""
+    separation_force: NotNegative = YarnSettings.separation_force
+    """Pull [N] that counts as pulling."""
+
+
+class Hold(Part):
+    """How one end of a yarn is held."""
+
+    hold: Literal["free", "pinned", "clamped"] = "free"
+    """`pinned` fixes the position, `clamped` the direction too: the end and the fixed point next to it."""
+    handle: Name | None = None
+    """Handle of `script` that carries the end."""
+
+
+class Eyelet(Part):
+    """A fixed place that a yarn slides through."""
+
+    point: Annotated[int, Field(ge=1, le=100_000)]
+    """Index of the point of the yarn that the eyelet holds, neither the first nor the last."""
+    friction: Friction = 0.0
+
+
+class Yarn(Part):
+    """A single rod along a line of points."""
+
+    name: Name
+    material: Name
+    points: Annotated[Many[Vector], Field(min_length=2)]
+    """Corners of the line [m]. All but those with an eyelet or a crossing are fixed points of the discretisation."""
+    segments: Count = 1
+    """Further fixed points divide the line so that no segment is longer than its length over this."""
+    length_factor: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    """Undeformed length over the length of the line; above 1 the yarn is slack."""
+    start: Hold = Hold()
+    end: Hold = Hold()
+    kinematic: bool = False
+    """The shape is given: all fixed points are pinned."""
+    eyelets: Many[Eyelet] = ()
+
+
+class YarnPoint(Part):
+    """One of the points of a single yarn."""
+
+    yarn: Name
+    point: Annotated[int, Field(ge=1, le=100_000)]
+    """Index in the `points` of the yarn, neither the first nor the last."""
+
+
+class Crossing(Part):
+    """A place where two single yarns touch, each at one of its points; the two points coincide."""
+
+    lower: YarnPoint
+    upper: YarnPoint
+    up: Vector = (0.0, 0.0, 1.0)
+    """Any vector from the lower to the upper yarn."""
+    friction: Friction = 0.0
+    kind: Literal["crossing", "contact", "stitch"] = "crossing"
+    """A `crossing` stays, a `contact` ends where the yarns part, at a `stitch` neither yarn slides."""
+
+
+class Fabric(Part):
+    """A rectangular patch of plain weave: warps run along its y axis, wefts along its x axis."""
+
+    name: Name
+    material: Name
+    """Material of the warps and, without `weft_material`, of the wefts."""
+    weft_material: Name | None = None
+    warps: Annotated[int, Field(ge=2, le=100_000)]
+    """Number of yarns along y."""
+    wefts: Annotated[int, Field(ge=2, le=100_000)]
+    """Number of yarns along x."""
+    spacing: Length
+    """Distance of neighbouring yarns [m]; yarns end half of it beyond the last crossing."""
+    position: Vector = (0.0, 0.0, 0.0)
+    """Centre of the patch [m]."""
+    rotation: Angles = (0.0, 0.0, 0.0)
+    """Rotations about the fixed x, y, z axes through the centre, in this order."""
+    friction: Friction = 0.5
+    """Friction of warps on wefts."""
+    kinematic: bool = False
+    """The patch is rigid and stays where it is."""
+    pins: Literal["none", "corners", "edges"] = "none"
+    """Yarn ends pinned in space: those of the first and last warp and weft (`corners`) or all (`edges`)."""
+    obstacle_distance: Length | None = None
+    """Distance at which obstacles begin to push [m]. By default the radius times 0.9 to the power of the number of
+    fabrics that `contacts` puts below this one: layers coincide, and the lowest should carry those above it."""
+
+
+class Contact(Part):
+    """Two fabrics, one on top of the other in one plane. Their yarns touch where they cross at the start."""
+
+    lower: Name
+    upper: Name
+    friction: Friction = 0.5
+    min_angle: Annotated[float, Field(ge=1, le=90)] = 45.0
+    """Yarns touch where they cross at this angle at least."""
+
+
+class _Solid(Part):
+    position: Vector = (0.0, 0.0, 0.0)
+    """Centre [m], for a plane any of its points."""
+    rotation: Angles = (0.0, 0.0, 0.0)
+    """Rotations about the fixed x, y, z axes through `position`, in this order."""
+    friction: Friction = 0.5
+
+
+class Plane(_Solid):
+    """A plane, solid below its local z axis."""
+
+    shape: Literal["plane"]
+
+
+class Box(_Solid):
+    """A box."""
+
+    shape: Literal["box"]
+    size: Sizes
+    """Lengths of its sides [m]."""
+    edges: bool = False
+    """Yarns of fabrics that lie on the top (local z) at the start slide over its edges on nodes of their own, where
+    they cross the edges at 10 degrees or more. Over another fabric they do so with the friction of the two fabrics."""
+
+
+class Sphere(_Solid):
+    """A ball."""
+
+    shape: Literal["sphere"]
+    radius: Length
+
+
+class Cylinder(_Solid):
+    """A cylinder along its local z axis."""
+
+    shape: Literal["cylinder"]
+    radius: Length
+    height: Length
+
+
+Obstacle = Annotated[Plane | Box | Sphere | Cylinder, Field(discriminator="shape")]
+
+
+class Keyframe(Part):
+    """Where a handle is at a time."""
+
+    time: Annotated[float, Field(ge=0, le=1e6)]
+    """[s]"""
+    offset: Vector
+    """Translation from the start [m]."""
+
+
+class Handle(Part):
+    """Something that moves what it holds: linear in time between keyframes, still before and after."""
+
+    name: Name
+    keyframes: Annotated[Many[Keyframe], Field(min_length=1)]
+    """By ascending time."""
+
+
+class Script(Part):
+    """What is moved."""
+
+    handles: Few[Handle] = ()
+
+
+class Output(Part):
+    """What a job leaves behind."""
+
+    frames: bool = True
+    """Write a file for each frame."""
+    recording: bool = True
+    """Write the recording that the Rerun viewer plays."""
+    checkpoint_every: Count = 10
+    """Frames from one checkpoint to the next."""
+    error_estimate: bool = False
+    """Repeat sampled steps as two half steps and report the difference."""
+
+
+class Scene(Part):
+    """A scene: yarns and fabrics, what they touch, what moves them, and how they are simulated."""
+
+    strandline: Literal[1]
+    """Version of the format."""
+    name: Annotated[Text, Field(min_length=1, max_length=200)]
+    description: Text = ""
+    gravity: Vector = (0.0, 0.0, -9.81)
+    """[m/s^2]"""
+    duration: Seconds
+    """Simulated time [s]."""
+    fps: Annotated[float, Field(ge=1e-3, le=1e6)] = 30.0
+    """Frames per simulated second."""
+    step: Step = Step()
+    materials: Annotated[dict[Name, Material], Field(max_length=1000, default_factory=dict)]
+    """Materials by name, beside the presets."""
+    yarns: Several[Yarn] = ()
+    crossings: Many[Crossing] = ()
+    fabrics: Few[Fabric] = ()
+    contacts: Several[Contact] = ()
+    obstacles: Few[Obstacle] = ()
+    script: Script = Script()
+    output: Output = Output()
+
+
+def scene_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a scene."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | Scene.model_json_schema()

@@ -1,0 +1,83 @@
+"""How large a scene is, found without building it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import ceil
+
+from engine.scene.edges import edge_crossings
+from engine.scene.problems import Problem
+from engine.scene.rods import held_points, piece_segments
+from engine.scene.schema import Box, Scene
+from engine.scene.stack import touching_families
+from engine.scene.weave import weave
+
+POINT_LIMIT = 2_000_000
+FRAME_LIMIT = 1_000_000
+STEP_LIMIT = 100_000_000
+
+
+@dataclass(frozen=True)
+class SizeEstimate:
+    """What a scene asks for."""
+
+    nodes: int
+    points: int
+    frames: int
+    steps: int  # at the default step
+
+
+@dataclass(frozen=True)
+class PartSize:
+    """Points and nodes that come from one part of a scene."""
+
+    path: str
+    points: int
+    nodes: int
+
+
+def estimate(scene: Scene) -> SizeEstimate:
+    """Return the size of a scene; nodes and points are exact. The cost grows with the number of yarns."""
+    parts = list(part_sizes(scene))
+    frames = int(scene.duration * scene.fps + 1e-9) + 1
+    steps_a_frame = ceil(1 / (scene.fps * scene.step.default) - 1e-9)
+    return SizeEstimate(
+        nodes=sum(part.nodes for part in parts),
+        points=sum(part.points for part in parts),
+        frames=frames,
+        # frames shorten steps, so that one ends at every frame
+        steps=max(ceil(scene.duration / scene.step.default - 1e-9), steps_a_frame * (frames - 1)),
+    )
+
+
+def part_sizes(scene: Scene) -> Iterator[PartSize]:
+    """Yield the size of every part of a scene that brings points."""
+    held = held_points(scene)
+    for i, yarn in enumerate(scene.yarns):
+        points = int(piece_segments(yarn).sum()) + 1 - len(held[yarn.name]) + len(yarn.eyelets)
+        yield PartSize(f"yarns[{i}]", points, points)
+    yield PartSize("crossings", len(scene.crossings), 2 * len(scene.crossings))
+    patches = {fabric.name: weave(fabric) for fabric in scene.fabrics}
+    for i, fabric in enumerate(scene.fabrics):
+        ends, crossings = 2 * (fabric.warps + fabric.wefts), fabric.warps * fabric.wefts
+        yield PartSize(f"fabrics[{i}]", ends + crossings, ends + 2 * crossings)
+    for i, contact in enumerate(scene.contacts):
+        families = touching_families(contact, patches[contact.lower], patches[contact.upper])
+        count = sum(crossings.count for _, _, crossings in families)
+        yield PartSize(f"contacts[{i}]", count, 2 * count)
+    for i, box in enumerate(scene.obstacles):
+        if isinstance(box, Box):
+            for fabric in scene.fabrics:
+                count = sum(crossings.count for _, _, crossings in edge_crossings(scene, box, fabric))
+                yield PartSize(f"obstacles[{i}].edges", count, count)
+
+
+def excesses(scene: Scene) -> Iterator[Problem]:
+    """Yield what makes a scene too large to be simulated."""
+    size = estimate(scene)
+    if size.points > POINT_LIMIT:
+        largest = max(part_sizes(scene), key=lambda part: part.points)
+        yield Problem(largest.path, f"the scene has {size.points:,} points, most of them here", f"{POINT_LIMIT:,}")
+    if size.frames > FRAME_LIMIT:
+        yield Problem("fps", f"gives {size.frames:,} frames", f"{FRAME_LIMIT:,}")
+    if size.steps > STEP_LIMIT:
+        yield Problem("step.default", f"gives {size.steps:,} steps", f"{STEP_LIMIT:,}")
