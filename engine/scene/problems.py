@@ -76,8 +76,8 @@ def _problem(detail: Any, model: type[BaseModel], document: Any) -> Problem:
     kind, location, context = detail["type"], detail["loc"], detail.get("ctx", {})
     path = path_of(_without_tags(location, document))
     if kind == "missing":
-        described = [part.model_fields[location[-1]].description for part in _parts_at(model, location[:-1])]
-        return Problem(path, "is missing", " ".join((described[0] or "").split()) or None)
+        fields = [part.model_fields[location[-1]] for part in _parts_at(model, location[:-1])]
+        return Problem(path, "is missing", _one_line(fields[0].description) if fields else "a list with this entry")
     if kind == "extra_forbidden":
         known = [name for part in _parts_at(model, location[:-1]) for name in part.model_fields]
         return Problem(path, f"unknown key{_suggestion(str(location[-1]), known)}", _listed(known))
@@ -92,6 +92,10 @@ def _problem(detail: Any, model: type[BaseModel], document: Any) -> Problem:
     if location[-1:] == ("[key]",):
         path = path_of(location[:-1])
     return Problem(path, f"cannot be {shown(detail['input'])}", _expectation(detail["msg"]))
+
+
+def _one_line(text: str | None) -> str | None:
+    return " ".join(text.split()) if text else None
 
 
 def _expectation(message: str) -> str:

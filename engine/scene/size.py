@@ -76,8 +76,8 @@ def excesses(scene: Scene) -> Iterator[Problem]:
     size = estimate(scene)
     if size.points > POINT_LIMIT:
         largest = max(part_sizes(scene), key=lambda part: part.points)
-        yield Problem(largest.path, f"the scene has {size.points:,} points, most of them here", f"{POINT_LIMIT:,}")
+        yield Problem(largest.path, f"the scene has {size.points:,} points, most of them here", f"at most {POINT_LIMIT:,}")
     if size.frames > FRAME_LIMIT:
-        yield Problem("fps", f"gives {size.frames:,} frames", f"{FRAME_LIMIT:,}")
+        yield Problem("fps", f"gives {size.frames:,} frames", f"at most {FRAME_LIMIT:,}")
     if size.steps > STEP_LIMIT:
-        yield Problem("step.default", f"gives {size.steps:,} steps", f"{STEP_LIMIT:,}")
+        yield Problem("step.default", f"gives {size.steps:,} steps", f"at most {STEP_LIMIT:,}")

@@ -1,0 +1,13 @@
+"""Small scenes that the tests vary."""
+
+
+def scene_of(**parts):
+    return {"strandline": 1, "name": "test", "duration": 1.0} | parts
+
+
+def cloth(name="cloth", **parts):
+    return {"name": name, "material": "cotton-thick", "warps": 4, "wefts": 5, "spacing": 0.0056} | parts
+
+
+def rod(name="rod", **parts):
+    return {"name": name, "material": "cotton-thick", "points": [[0, 0, 0], [1, 0, 0]]} | parts

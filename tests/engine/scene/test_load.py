@@ -1,0 +1,255 @@
+"""Good scenes load, hostile ones are refused with the path and what is allowed."""
+
+import json
+import tracemalloc
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from engine.scene.build import estimate
+from engine.scene.load import SceneError, load_scene, shipped_scenes
+from engine.scene.schema import Scene
+from tests.engine.scene.scenes import cloth, rod, scene_of
+
+
+def problems(source, overrides=()):
+    with pytest.raises(SceneError) as caught:
+        load_scene(source, overrides)
+    assert str(caught.value) and str(caught.value).encode()
+    return caught.value.problems
+
+
+def only_problem(source, overrides=()):
+    (problem,) = problems(source, overrides)
+    return problem
+
+
+def with_cloth(**parts):
+    return scene_of(fabrics=[cloth(**parts)])
+
+
+def with_rod(**parts):
+    return scene_of(yarns=[rod(**parts)])
+
+
+@pytest.mark.parametrize("name, path", shipped_scenes().items())
+def test_shipped_scenes_load_and_survive_a_round_trip(name, path):
+    scene = load_scene(path)
+    assert scene.name == name
+    assert load_scene(scene.model_dump_json().encode()) == scene
+    assert load_scene(scene.model_dump(mode="json")) == scene
+
+
+def test_every_job_of_the_foundation_ships():
+    assert set(shipped_scenes()) >= {
+        "quickstart", "tablecloth-small-friction", "tablecloth-small-aligned", "tablecloth-small-angled",
+        "friction-incline", "crossing-sliders", "chain-over-peg",
+    }
+
+
+def test_all_kinds_of_source_agree(tmp_path):
+    source = with_cloth()
+    text = json.dumps(source)
+    path = tmp_path / "scene.json"
+    path.write_text(text)
+    assert load_scene(source) == load_scene(text) == load_scene(text.encode()) == load_scene(path)
+    assert load_scene(b"\xef\xbb\xbf" + text.encode()) == load_scene(text)
+
+
+def test_scenes_are_immutable():
+    with pytest.raises(ValueError):
+        load_scene(with_cloth()).fps = 3.0
+
+
+def test_step_bounds_follow_the_default():
+    step = load_scene(with_cloth() | {"step": {"default": 0.002}}).step
+    assert (step.min, step.max) == (0.002 / 1024, 0.002)
+
+
+HOSTILE_BYTES = {
+    "empty": (b"", "is empty"),
+    "blank": (b" \n\t", "is empty"),
+    "no object": (b"[]", "is a list of 0"),
+    "null": (b"null", "is null"),
+    "no JSON": (b"{'a': 1}", "is not JSON at line 1, column 2"),
+    "trailing": (b"{} {}", "is not JSON"),
+    "not UTF-8": ("{}".encode("utf-16"), "is not UTF-8 at byte 0"),
+    "too large": (b" " * 16_000_001, "is too large"),
+    "10 MB of lists": (b"[" * 10_000_000, "is nested too deep"),
+    "10 MB of objects": (b'{"a":' * 2_000_000, "is nested too deep"),
+    "33 levels": (b'{"a":' + b"[" * 33 + b"]" * 33 + b"}", "is nested too deep"),
+    "unterminated": (b'{"' + b'\\"' * 1_000_000, "is not JSON"),
+    "backslashes": (b'"' + b"\\" * 1_000_001, "is not JSON"),
+    "5,000 digits": (b'{"strandline": ' + b"9" * 5000 + b"}", "has an integer of thousands of digits"),
+}
+
+
+@pytest.mark.parametrize("raw, message", HOSTILE_BYTES.values(), ids=HOSTILE_BYTES)
+def test_hostile_bytes(raw, message):
+    problem = only_problem(raw)
+    assert problem.path == "" and problem.message.startswith(message) and problem.allowed
+
+
+def test_brackets_in_strings_are_no_nesting():
+    text = json.dumps(with_cloth() | {"description": '[{"\\' * 100})
+    assert load_scene(text).description.startswith("[{")
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    assert "No such file" in only_problem(tmp_path / "absent.json").message
+    assert "directory" in only_problem(tmp_path).message
+
+
+WRONG = {
+    "unknown section": (with_cloth() | {"fabricz": []}, "fabricz", "unknown key; did you mean fabrics?", "strandline"),
+    "unknown key": (with_cloth(warp=3), "fabrics[0].warp", "unknown key; did you mean warps?", "spacing"),
+    "unknown key of a variant": (
+        with_cloth() | {"obstacles": [{"shape": "box", "size": [1, 1, 1], "edge": True}]},
+        "obstacles[0].edge", "unknown key; did you mean edges?", "rotation"),
+    "unknown key of a material": (
+        with_cloth() | {"materials": {"radius": {"radius": 1, "linear_density": 1, "stretch_stiffness": 1, "x": 1}}},
+        "materials.radius.x", "unknown key", "youngs_modulus"),
+    "unknown variant": (with_cloth() | {"obstacles": [{"shape": "bx"}]},
+                        "obstacles[0].shape", 'cannot be "bx"; did you mean box?', "plane, box, sphere, cylinder"),
+    "no variant": (with_cloth() | {"obstacles": [{}]}, "obstacles[0].shape", "is missing", "plane, box"),
+    "missing": ({"strandline": 1, "name": "x", "fabrics": [cloth()]}, "duration", "is missing", "Simulated time [s]"),
+    "another version": (with_cloth() | {"strandline": 2}, "strandline", "cannot be 2", "1"),
+    "wrong type": (with_cloth(warps="4"), "fabrics[0].warps", 'cannot be "4"', "valid integer"),
+    "number as text": (with_cloth(spacing="1"), "fabrics[0].spacing", 'cannot be "1"', "valid number"),
+    "truth as number": (with_cloth(spacing=True), "fabrics[0].spacing", "cannot be true", "valid number"),
+    "object for a list": (scene_of(fabrics={}), "fabrics", "cannot be an object", "list"),
+    "list for an object": (scene_of(fabrics=[[[[]]]]), "fabrics[0]", "cannot be a list of 1", "JSON object"),
+    "short vector": (with_cloth(position=[1, 2]), "fabrics[0].position[2]", "is missing", "a list with this entry"),
+    "long vector": (with_cloth(position=[1, 2, 3, 4]), "fabrics[0].position", "cannot be a list of 4", "at most 3"),
+    "NaN": (with_cloth() | {"gravity": [0, 0, float("nan")]}, "gravity[2]", "cannot be NaN", "finite number"),
+    "infinity": (with_cloth() | {"duration": float("inf")}, "duration", "cannot be Infinity", "finite number"),
+    "400 digits": (with_cloth() | {"duration": 10**400}, "duration", "cannot be an integer of more than 18 digits", ""),
+    "10,000 digits": (with_cloth() | {"fps": 10**10_000}, "fps", "cannot be an integer of more than 18 digits", ""),
+    "negative radius": (
+        with_cloth() | {"materials": {"m": {"radius": -1, "linear_density": 1, "stretch_stiffness": 1}}},
+        "materials.m.radius", "cannot be -1", "greater than or equal to"),
+    "contradiction": (
+        with_cloth() | {"materials": {"m": {"radius": 1e-3, "linear_density": 1, "volume_density": 1,
+                                            "stretch_stiffness": 1}}},
+        "materials.m", "its keys contradict each other", "exactly one of linear_density and volume_density"),
+    "enumeration": (with_cloth(pins="corner"), "fabrics[0].pins", 'cannot be "corner"', "'none', 'corners' or 'edges'"),
+    "name with a blank": (with_cloth(name="a b"), "fabrics[0].name", 'cannot be "a b"', "match pattern"),
+    "lone surrogate": (with_cloth() | {"name": "\ud800"}, "name", 'cannot be "\\ud800"', "Unicode"),
+    "nothing to do": (scene_of(), "", "has nothing to simulate", "yarns or fabrics"),
+    "same name": (scene_of(fabrics=[cloth(), cloth()]), "fabrics[1].name", "is the name of fabrics[0] too", "its own"),
+    "unknown material": (with_cloth(material="coton-thick"), "fabrics[0].material",
+                         'there is no material "coton-thick"; did you mean cotton-thick?', "cotton-thick, cotton-fine"),
+    "unknown fabric": (with_cloth() | {"contacts": [{"lower": "cloth", "upper": "clot"}]},
+                       "contacts[0].upper", 'there is no fabric "clot"', "cloth"),
+    "unknown handle": (with_rod(start={"hold": "pinned", "handle": "h"}),
+                       "yarns[0].start.handle", 'there is no handle "h"', "none"),
+    "handle of a free end": (
+        with_rod(end={"handle": "h"})
+        | {"script": {"handles": [{"name": "h", "keyframes": [{"time": 0, "offset": [0, 0, 0]}]}]}},
+        "yarns[0].end.handle", "carries a free end", "pinned"),
+    "clamp without room": (with_rod(start={"hold": "clamped"}), "yarns[0].start.hold", "has no fixed point", "pinned"),
+    "point twice": (with_rod(points=[[0, 0, 0], [0, 0, 0]]), "yarns[0].points[1]", "repeats", "elsewhere"),
+    "eyelet at the end": (with_rod(eyelets=[{"point": 1}]), "yarns[0].eyelets[0].point", "is no point between", "none"),
+    "layer above itself": (with_cloth() | {"contacts": [{"lower": "cloth", "upper": "cloth"}]},
+                           "contacts", "put a fabric above itself", "stacks"),
+    "layers apart": (
+        scene_of(fabrics=[cloth("a"), cloth("b", position=[0, 0, 0.01])], contacts=[{"lower": "a", "upper": "b"}]),
+        "contacts[0]", "a and b do not lie in one plane", "one plane"),
+    "pair twice": (scene_of(fabrics=[cloth("a"), cloth("b")], contacts=[{"lower": "a", "upper": "b"}] * 2),
+                   "contacts[1]", "gives the same two fabrics", "one entry"),
+    "least step above the default": (with_cloth() | {"step": {"min": 1.0}}, "step.min", "is 1", "at most"),
+    "crossing apart": (
+        scene_of(yarns=[rod("a", points=[[0, 0, 0], [1, 0, 0], [2, 0, 0]]),
+                        rod("b", points=[[1, -1, 0], [1, 0, 1], [1, 1, 0]])],
+                 crossings=[{"lower": {"yarn": "a", "point": 1}, "upper": {"yarn": "b", "point": 1}}]),
+        "crossings[0]", "its points do not coincide", "one place"),
+    "frames": (with_cloth() | {"fps": 1e6, "duration": 2.0, "step": {"default": 1e-6}}, "fps", "gives 2,000,001", ""),
+    "steps": (with_cloth() | {"step": {"default": 1e-9}}, "step.default", "gives 1,000,000,020", "100,000,000"),
+    "10^9 nodes by count": (with_cloth(warps=10**9), "fabrics[0].warps", "cannot be 1000000000", "less than"),
+    "10^9 nodes by product": (
+        with_cloth(warps=31_623, wefts=31_623), "fabrics[0]", "the scene has 1,000,", "2,000,000"),
+    "10^9 segments": (with_rod(segments=10**9), "yarns[0].segments", "cannot be 1000000000", "less than"),
+}
+
+
+@pytest.mark.parametrize("source, path, message, allowed", WRONG.values(), ids=WRONG)
+def test_wrong_scenes(source, path, message, allowed):
+    problem = only_problem(source)
+    assert problem.path == path
+    assert problem.message.startswith(message)
+    assert allowed in (problem.allowed or "")
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
+def test_numbers_that_are_none_in_json_text(number):
+    text = json.dumps(with_cloth()).replace('"duration": 1.0', f'"duration": {number}')
+    assert only_problem(text).path == "duration"
+
+
+def test_keys_given_twice_are_named_by_path():
+    text = '{"strandline": 1, "fabrics": [{"name": "a"}, {"name": "a", "warps": 3, "name": "b"}]}'
+    problem = only_problem(text)
+    assert (problem.path, problem.message) == ("fabrics[1].name", "is given twice")
+
+
+def test_several_problems_come_at_once_and_many_are_cut_short():
+    assert [p.path for p in problems(with_cloth(warps=1, wefts=1))] == ["fabrics[0].warps", "fabrics[0].wefts"]
+    many = problems(with_cloth() | {"crossings": [{"x": 1}] * 50_000})
+    assert len(many) == 21 and "more problems" in many[-1].message
+
+
+def test_long_keys_are_cut_short_in_messages():
+    assert len(str(only_problem(with_cloth() | {"k" * 100_000: 1}))) < 400
+
+
+def test_ten_to_the_nine_nodes_allocate_nothing():
+    tracemalloc.start()
+    problems(with_cloth(warps=31_623, wefts=31_623))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 50e6
+
+
+def test_overrides():
+    source = with_cloth() | {"description": "d"}
+    scene = load_scene(source, ["step.default=0.002", "fabrics[0].warps=7", "description=a word", "gravity=[0,0,-1]"])
+    assert (scene.step.default, scene.fabrics[0].warps, scene.description) == (0.002, 7, "a word")
+    assert scene.gravity == (0.0, 0.0, -1.0)
+    assert source["fabrics"][0]["warps"] == 4, "the caller's object stays as it was"
+
+
+@pytest.mark.parametrize("assignment, path, message", [
+    ("fabrics[1].warps=5", "fabrics[1]", "cannot be set: fabrics has no entry 1"),
+    ("fabrics.warps=5", "fabrics.warps", "cannot be set: fabrics is no object"),
+    ("name[0]=5", "name[0]", "cannot be set: name is no list"),
+    ("fabrics[0].spacing=0", "fabrics[0].spacing", "cannot be 0"),
+    ("fabrics[0].x.y=0", "fabrics[0].x", "unknown key"),
+    ("duration=NaN", "duration", "cannot be NaN"),
+    ("duration=" + "[" * 100_000, "duration", "cannot be"),
+    ("duration", "duration", "is no override"),
+    ("=3", "=3", "is no override"),
+    ("a..b=3", "a..b=3", "is no override"),
+])
+def test_overrides_that_cannot_be(assignment, path, message):
+    problem = only_problem(with_cloth(), [assignment])
+    assert problem.path == path and problem.message.startswith(message)
+
+
+KEYS = st.sampled_from(sorted(Scene.model_fields))
+TEXT = st.text('name[{"\ud800é', max_size=5)
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | TEXT,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(TEXT | KEYS, inner, max_size=4), max_leaves=10,
+)
+
+
+@settings(deadline=None)
+@given(st.dictionaries(KEYS, JSON, max_size=4) | st.binary(max_size=20))
+def test_anything_loads_or_is_refused_cleanly(parts):
+    try:
+        scene = load_scene(parts if isinstance(parts, bytes) else with_cloth() | parts)
+    except SceneError as error:
+        assert error.problems and str(error).encode()
+    else:
+        assert estimate(scene).points > 0
