@@ -76,7 +76,8 @@ def excesses(scene: Scene) -> Iterator[Problem]:
     size = estimate(scene)
     if size.points > POINT_LIMIT:
         largest = max(part_sizes(scene), key=lambda part: part.points)
-        yield Problem(largest.path, f"the scene has {size.points:,} points, most of them here", f"at most {POINT_LIMIT:,}")
+        message = f"the scene has {size.points:,} points, most of them here"
+        yield Problem(largest.path, message, f"at most {POINT_LIMIT:,}")
     if size.frames > FRAME_LIMIT:
         yield Problem("fps", f"gives {size.frames:,} frames", f"at most {FRAME_LIMIT:,}")
     if size.steps > STEP_LIMIT:
