@@ -26,9 +26,9 @@ def duration(seconds: float | None) -> str:
     """Return a time span: `3.2 ms`, `4.1 s`, `3 min 20 s`, `2 h 5 min`; a dash while unknown."""
     if seconds is None:
         return "–"
-    if seconds < 1e-3:
+    if 0 < seconds < 1e-3:
         return f"{seconds * 1e6:.3g} µs"
-    if seconds < 1:
+    if 0 < seconds < 1:
         return f"{seconds * 1e3:.3g} ms"
     if seconds < 60:
         return f"{seconds:.3g} s"

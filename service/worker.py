@@ -68,12 +68,11 @@ def run_job(data: Path, job: str, fence: int, threads: int) -> int:
     from engine.run.compile_cache import prepare_compile_cache
 
     prepare_compile_cache()  # before anything imports numba
-    from viewer.recording import Recorder
-
     from engine.run.checkpoint import CheckpointMismatch
     from engine.run.directory import DirectoryTaken
     from engine.run.simulation import SimulationFailed, run
     from engine.scene.load import load_scene
+    from viewer.recording import Recorder
 
     store = Store(data)
     directory = store.directory(job)

@@ -4,7 +4,7 @@ import json
 import signal
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -22,6 +22,9 @@ from service.terminal import (
     scene_path,
 )
 
+if TYPE_CHECKING:
+    from engine.scene.schema import Scene
+
 
 def run(
     scene: Annotated[str | None, typer.Argument(help="A JSON file, or the name of a shipped scene.")] = None,
@@ -36,58 +39,71 @@ def run(
 
     Exit code 0: done; 2: the scene is not valid; 3: the simulation failed; 130: stopped by Ctrl-C, with a checkpoint.
     """
-    from engine.run.compile_cache import prepare_compile_cache
-
-    prepare_compile_cache()  # before anything imports numba
-    from viewer.recording import Recorder
-
-    from engine.run.checkpoint import CheckpointMismatch
-    from engine.run.directory import DirectoryTaken
-    from engine.run.simulation import Progress, SimulationFailed
-    from engine.run.simulation import run as simulate
-    from engine.scene.load import SceneError, load_scene
-    from service.pace import Pace
-    from service.worker import progress_event
-
-    if (scene is None) == (resume is None):
-        fail("name a scene to run, or --resume a directory, and not both", EXIT_INVALID)
-    try:
-        source = scene_path(scene) if scene is not None else _scene_of(resume)
-        loaded = load_scene(source, overrides or [])
-    except SceneError as error:
-        fail(error, EXIT_INVALID)
+    loaded = _load(scene, resume, overrides or [])
     target = resume or directory or DEFAULT_DATA / f"{time.strftime('%Y%m%d-%H%M%S')}-{loaded.name}"
-    target.mkdir(parents=True, exist_ok=True)
-
-    stop: list[bool] = []
-    signal.signal(signal.SIGINT, lambda *_: stop.append(True))
-    signal.signal(signal.SIGTERM, lambda *_: stop.append(True))
-    pace = Pace()
-    recorder = Recorder(loaded, target)
     try:
-        with RunBar(loaded.name) as bar:
-            def show(progress: Progress) -> None:
-                bar.show(progress_event(progress, pace))
-
-            report = simulate(loaded, target, until=until, threads=threads, resume=resume is not None,
-                              on_progress=show, on_frame=recorder.log, should_stop=lambda: bool(stop))
-    except SimulationFailed as error:
-        if as_json:
-            out.print_json((target / "report.json").read_text())
-        fail(f"{error}\nthe results up to there are in {target}", EXIT_FAILED)
-    except (DirectoryTaken, CheckpointMismatch, ValueError) as error:
-        fail(error, EXIT_INVALID)
-    finally:
-        recorder.close()
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        fail(error)
+    report = _simulate(loaded, target, until, threads, resume is not None)
     if as_json:
-        out.print_json(json.dumps(report))
+        print(json.dumps(report, indent=2))
     else:
         out.print(report_table(report))
     err.print(f"results   {escape(str(target))}\nrecording {escape(str(target / 'recording.rrd'))}\n"
               f"watch     strandline view {escape(str(target))}", soft_wrap=True)
-    if report["state"] != "succeeded":
+    if report["state"] == "failed":
+        fail(f"{report['reason']}; the results up to there are kept", EXIT_FAILED)
+    if report["state"] == "cancelled":
         err.print(f"stopped; continue with: strandline run --resume {escape(str(target))}", soft_wrap=True)
         raise typer.Exit(EXIT_STOPPED)
+
+
+def _load(scene: str | None, resume: Path | None, overrides: list[str]) -> "Scene":
+    """Return the scene to run; ends the command with all that is wrong with it."""
+    from engine.scene.load import SceneError, load_scene
+
+    if (scene is None) == (resume is None):
+        fail("name a scene to run, or --resume a directory, and not both", EXIT_INVALID)
+    source = scene_path(scene) if scene is not None else _scene_of(resume)
+    try:
+        return load_scene(source, overrides)
+    except SceneError as error:
+        fail(error, EXIT_INVALID)
+
+
+def _simulate(scene: "Scene", target: Path, until: float | None, threads: int | None, resume: bool) -> dict[str, Any]:
+    """Run with a progress bar and a recording, until Ctrl-C; returns the report, of a failed run too."""
+    from engine.run.compile_cache import prepare_compile_cache
+
+    prepare_compile_cache()  # before anything imports numba
+    from engine.run.checkpoint import CheckpointMismatch
+    from engine.run.directory import DirectoryTaken
+    from engine.run.simulation import Progress, SimulationFailed
+    from engine.run.simulation import run as simulate
+    from service.pace import Pace
+    from service.worker import progress_event
+    from viewer.recording import Recorder
+
+    stop: list[bool] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.append(True))
+    pace = Pace()
+    recorder = Recorder(scene, target)
+    with RunBar(scene.name) as bar:
+
+        def show(progress: Progress) -> None:
+            bar.show(progress_event(progress, pace))
+
+        try:
+            return simulate(scene, target, until=until, threads=threads, resume=resume, on_progress=show,
+                            on_frame=recorder.log, should_stop=lambda: bool(stop))
+        except SimulationFailed:
+            return json.loads((target / "report.json").read_bytes())
+        except (DirectoryTaken, CheckpointMismatch, ValueError) as error:  # ValueError: more threads than there are
+            fail(error, EXIT_INVALID)
+        finally:
+            recorder.close()
 
 
 def _scene_of(directory: Path | None) -> Path:

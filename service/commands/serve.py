@@ -84,11 +84,11 @@ def demo(
             out.print(report_table(client.report(job["id"])))
         err.print(f"recording {escape(str(directory / 'recording.rrd'))}\n"
                   f"report    {escape(str(directory / 'report.json'))}\njob       {page}", soft_wrap=True)
-        if job["state"] != "succeeded":
-            fail(f"the demo's job is {job['state']}: {job.get('reason', 'stopped by a user')}", EXIT_FAILED)
         if not exit_when_done:
             err.print("serving until Ctrl-C")
             serving.join()
+        if job["state"] != "succeeded":
+            fail(f"the demo's job is {job['state']}: {job.get('reason', 'stopped by a user')}", EXIT_FAILED)
     except ServiceError as error:
         fail(error)
     except KeyboardInterrupt:
@@ -115,7 +115,7 @@ def view(
     except CannotServe as error:
         fail(error)
     url = f"http://127.0.0.1:{free}/" + (f"?job={directory.resolve().name}" if is_job else "")
-    viewer = subprocess.Popen(viewer_command(root, free))
+    viewer = subprocess.Popen(viewer_command(root, free), stdout=subprocess.DEVNULL)
     try:
         _until(lambda: viewer.poll() is not None or _answers(f"http://127.0.0.1:{free}/"), "the viewer did not start")
         if viewer.poll() is None:
