@@ -38,5 +38,5 @@ def ends(event: Event) -> bool:
 
 def encode(event: Event) -> str:
     """Return an event as it goes over the wire; its data always names job and time."""
-    data = {"job": event.job, "at": timestamp(event.time), **event.data}
+    data = {"at": timestamp(event.time), **event.data, "job": event.job}
     return f"id: {event.id}\nevent: {event.kind}\ndata: {json.dumps(data)}\n\n"

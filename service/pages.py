@@ -19,6 +19,7 @@ from service.store import Job
 TEMPLATES = Path(__file__).parent / "templates"
 ASSETS = {"strandline.css": "text/css", "strandline.js": "text/javascript", "favicon.svg": "image/svg+xml"}
 SHOWN_JOBS = 50
+SHOWN_LINES = 100  # of a log
 
 router = APIRouter(include_in_schema=False)
 templates = Jinja2Templates(directory=TEMPLATES)
@@ -54,6 +55,7 @@ def job_page(request: Request, job: str) -> Response:
         "job": _shown(request, found), "report": None if path is None else json.loads(path.read_bytes()),
         "files": [entry for entry in files if not entry["name"].startswith("frames/")],
         "frames": [entry for entry in files if entry["name"].startswith("frames/")],
+        "log": [event.data for event in service.store.newest_events(job, "log", SHOWN_LINES)],
         "last_event": service.store.last_event()})
 
 

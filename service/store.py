@@ -21,7 +21,7 @@ from engine.run.files import write_whole
 from service.lifecycle import JobEvent, JobState, Life, transition
 
 SERVICE_DIRECTORY = ".strandline"  # inside the data directory, beside the jobs' own directories
-KEPT_PROGRESS_EVENTS = 500  # per job; a client that was away longer sees fewer points, and the same end
+KEPT_EVENTS = 500  # of progress and of log, per job; a client that was away longer sees fewer, and the same end
 
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS jobs (
@@ -184,7 +184,13 @@ class Store:
         which = "" if job is None else "job = :job AND"
         rows = self._connection().execute(f"SELECT * FROM events WHERE {which} id > :after ORDER BY id LIMIT :limit",
                                           {"after": after, "job": job, "limit": limit})
-        return [Event(row["id"], row["job"], row["kind"], row["time"], json.loads(row["data"])) for row in rows]
+        return [_event(row) for row in rows]
+
+    def newest_events(self, job: str, kind: str, limit: int) -> list[Event]:
+        """Return the newest events of a kind, at most `limit`, oldest first."""
+        rows = self._connection().execute(
+            "SELECT * FROM events WHERE job = ? AND kind = ? ORDER BY id DESC LIMIT ?", (job, kind, limit)).fetchall()
+        return [_event(row) for row in reversed(rows)]
 
     def last_event(self, job: str | None = None) -> int:
         """Return the id of the newest event of one job or of all, 0 where there is none."""
@@ -242,16 +248,15 @@ class Store:
             self._held(connection, job, fence)
             connection.execute("UPDATE jobs SET progress = ? WHERE id = ?", (json.dumps(progress), job))
             self._event(connection, job, "progress", progress)
-            connection.execute(
-                "DELETE FROM events WHERE job = :job AND kind = 'progress' AND id <= (SELECT id FROM events"
-                " WHERE job = :job AND kind = 'progress' ORDER BY id DESC LIMIT 1 OFFSET :kept)",
-                {"job": job, "kept": KEPT_PROGRESS_EVENTS})
+            self._trim(connection, job, "progress")
 
-    def log(self, job: str, fence: int, level: str, message: str) -> None:
-        """Publish a line of a job's log; raises `LeaseLost`."""
+    def log(self, job: str, fence: int, lines: list[dict[str, Any]]) -> None:
+        """Publish lines of a job's log; raises `LeaseLost`."""
         with self._transaction() as connection:
             self._held(connection, job, fence)
-            self._event(connection, job, "log", {"level": level, "message": message})
+            for line in lines[-KEPT_EVENTS:]:
+                self._event(connection, job, "log", line)
+            self._trim(connection, job, "log")
 
     # inside
 
@@ -309,6 +314,13 @@ class Store:
         if job.state != JobState.RUNNING and directory.is_dir():  # the user may have deleted the files
             write_whole(directory / "job.json", json.dumps({"strandline": 1, **shown}, indent=2).encode() + b"\n")
 
+    def _trim(self, connection: sqlite3.Connection, job: str, kind: str) -> None:
+        """Drop the oldest events of a kind beyond the number that is kept."""
+        connection.execute(
+            "DELETE FROM events WHERE job = :job AND kind = :kind AND id <= (SELECT id FROM events"
+            " WHERE job = :job AND kind = :kind ORDER BY id DESC LIMIT 1 OFFSET :kept)",
+            {"job": job, "kind": kind, "kept": KEPT_EVENTS})
+
     def _event(self, connection: sqlite3.Connection, job: str, kind: str, data: dict[str, Any]) -> None:
         connection.execute("INSERT INTO events (job, kind, time, data) VALUES (?, ?, ?, ?)",
                            (job, kind, time.time(), json.dumps(data, allow_nan=False)))
@@ -317,6 +329,10 @@ class Store:
 def timestamp(seconds: float | None) -> str | None:
     """Return seconds since 1970 as clients see a time, ISO 8601 in UTC."""
     return None if seconds is None else datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
+
+
+def _event(row: sqlite3.Row) -> Event:
+    return Event(row["id"], row["job"], row["kind"], row["time"], json.loads(row["data"]))
 
 
 def _job(row: sqlite3.Row) -> Job:

@@ -6,6 +6,7 @@ else is an accident, after which the supervisor tries again from the checkpoint.
 
 import argparse
 import fcntl
+import json
 import os
 import signal
 import sqlite3
@@ -26,11 +27,13 @@ PROGRESS_INTERVAL = 0.25  # [s]
 
 
 class ProgressWriter:
-    """Publishes progress in the store, often enough to follow and seldom enough not to slow the run."""
+    """Publishes progress and log in the store, often enough to follow and seldom enough not to slow the run."""
 
     def __init__(self, store: Store, job: str, fence: int) -> None:
         """Publish as the holder of `fence`."""
         self._store, self._job, self._fence = store, job, fence
+        self._log = store.directory(job) / "log.jsonl"
+        self._published = self._log.stat().st_size if self._log.exists() else 0  # what earlier attempts wrote [bytes]
         self.lost = False  # another worker has the job now: this one must stop
         self._pace = Pace()
         self._next = 0.0
@@ -43,17 +46,29 @@ class ProgressWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Publish the last step."""
-        if self._last is None:
-            return
+        """Publish the last step, and what the log has gained."""
         try:
-            self._store.report_progress(self._job, self._fence, self._last)
+            if self._last is not None:
+                self._store.report_progress(self._job, self._fence, self._last)
+            self._publish_log()
         except LeaseLost:
             self.lost = True
         except sqlite3.OperationalError as error:  # the store is locked or the disk full: a run needs neither
             print(f"progress not published: {error}", file=sys.stderr)
         self._last = None
         self._next = time.monotonic() + PROGRESS_INTERVAL
+
+
+    def _publish_log(self) -> None:
+        """Publish the lines that the run has added to its log."""
+        if not self._log.exists():
+            return
+        with self._log.open("rb") as file:
+            file.seek(self._published)
+            *lines, _torn = file.read().split(b"\n")
+        if lines:
+            self._store.log(self._job, self._fence, [json.loads(line) for line in lines if line])
+            self._published += sum(len(line) + 1 for line in lines)
 
 
 def progress_event(progress: "Progress", pace: Pace) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import time
 import pytest
 
 from service.lifecycle import ImpossibleEvent, JobEvent, JobState
-from service.store import KEPT_PROGRESS_EVENTS, LeaseLost, Store, SubmissionConflict
+from service.store import KEPT_EVENTS, LeaseLost, Store, SubmissionConflict
 
 SIZE = {"nodes": 4, "points": 2, "frames": 10, "steps": 100}
 
@@ -116,11 +116,20 @@ def test_events_are_replayed_from_any_point(store):
 def test_progress_events_do_not_pile_up(store):
     submit(store)
     job = store.claim(100)
-    for step in range(KEPT_PROGRESS_EVENTS + 20):
+    for step in range(KEPT_EVENTS + 20):
         store.report_progress(job.id, job.fence, {"step": step})
     progress = [event for event in store.events(0, job.id, limit=10**6) if event.kind == "progress"]
-    assert len(progress) == KEPT_PROGRESS_EVENTS
-    assert progress[-1].data["step"] == KEPT_PROGRESS_EVENTS + 19
+    assert len(progress) == KEPT_EVENTS
+    assert progress[-1].data["step"] == KEPT_EVENTS + 19
+
+
+def test_lines_of_a_log_are_events(store):
+    submit(store)
+    job = store.claim(100)
+    store.log(job.id, job.fence, [{"event": "rejected", "step": step} for step in range(KEPT_EVENTS + 5)])
+    kept = store.newest_events(job.id, "log", 10**6)
+    assert len(kept) == KEPT_EVENTS and kept[-1].data == {"event": "rejected", "step": KEPT_EVENTS + 4}
+    assert store.newest_events(job.id, "log", 2) == kept[-2:]
 
 
 def test_cancelling_twice_is_cancelling_once(store):
