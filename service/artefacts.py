@@ -11,6 +11,7 @@ from typing import Any, BinaryIO
 from fastapi import Request
 from fastapi.responses import Response, StreamingResponse
 
+from engine.run.files import ASIDE
 from service.problems import ProblemError
 
 CHUNK = 256 * 1024
@@ -104,6 +105,9 @@ def _walk(directory: Path, prefix: str) -> Iterator[dict[str, Any]]:
 
 
 def _entries(directory: Path) -> list[os.DirEntry]:
-    """Return what a directory shows; files in the making are not shown."""
-    with os.scandir(directory) as entries:
-        return [entry for entry in entries if not entry.name.endswith(".aside")]
+    """Return what a directory shows, nothing where its user deleted it; files in the making are not shown."""
+    try:
+        with os.scandir(directory) as entries:
+            return [entry for entry in entries if not entry.name.endswith(ASIDE)]
+    except FileNotFoundError:
+        return []

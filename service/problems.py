@@ -1,5 +1,6 @@
 """Errors as RFC 9457 problem details: what is wrong, where, and what is allowed."""
 
+import sqlite3
 from http import HTTPStatus
 from typing import Any
 
@@ -57,6 +58,14 @@ def install(app: FastAPI) -> None:
         problems = [{"path": ".".join(str(part) for part in item["loc"]), "message": item["msg"]}
                     for item in error.errors()]
         return problem(422, "The request is not valid.", problems=problems)
+
+    @app.exception_handler(sqlite3.OperationalError)
+    async def _(request: Request, error: sqlite3.OperationalError) -> JSONResponse:
+        return problem(503, f"The job store cannot be used for now: {error}.")
+
+    @app.exception_handler(OSError)
+    async def _(request: Request, error: OSError) -> JSONResponse:
+        return problem(507, f"A file cannot be read or written: {error.strerror or error}.")
 
     @app.exception_handler(Exception)
     async def _(request: Request, error: Exception) -> JSONResponse:

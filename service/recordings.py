@@ -18,6 +18,7 @@ from fastapi import APIRouter
 from fastapi.responses import FileResponse, Response
 
 from engine.run.compile_cache import cache_parent
+from engine.run.files import ASIDE
 from service.problems import ProblemError
 
 router = APIRouter(prefix="/recording", include_in_schema=False)
@@ -60,7 +61,7 @@ def viewer_files() -> Path:
             _wait_for(port, server)
             for name in FILES:
                 content = httpx.get(f"http://127.0.0.1:{port}/{name}", trust_env=False, timeout=PATIENCE)
-                aside = directory / f"{name}.aside"
+                aside = directory / (name + ASIDE)
                 aside.write_bytes(content.raise_for_status().content)
                 aside.replace(directory / name)
         except (httpx.HTTPError, OSError) as error:

@@ -7,6 +7,7 @@ number that grows with each claim and that the holder shows with every write. Wh
 
 import json
 import secrets
+import shutil
 import sqlite3
 import threading
 import time
@@ -145,8 +146,7 @@ class Store:
                     return self._get(connection, earlier["job"]), False
             now = time.time()
             job = time.strftime("%Y%m%d-%H%M%S-", time.gmtime(now)) + secrets.token_hex(3)
-            self.directory(job).mkdir()
-            write_whole(self.directory(job) / "scene.json", document.encode())
+            self._lay_out(job, document)
             life = Life(max_attempts=max_attempts)
             connection.execute(
                 "INSERT INTO jobs (id, scene, size, state, attempts, max_attempts, cancel_requested, fence,"
@@ -202,6 +202,8 @@ class Store:
 
     def claim(self, lease: float) -> Job | None:
         """Take the oldest queued job for `lease` seconds; returns it with its new fence, None if none waits."""
+        if not self._connection().execute("SELECT 1 FROM jobs WHERE state = ?", (JobState.QUEUED,)).fetchone():
+            return None  # most often so: no need to hold up writers
         with self._transaction() as connection:
             row = connection.execute("SELECT id FROM jobs WHERE state = ? ORDER BY number LIMIT 1",
                                      (JobState.QUEUED,)).fetchone()
@@ -302,6 +304,16 @@ class Store:
         after = self._get(connection, job)
         self._announce(connection, after)
         return after
+
+    def _lay_out(self, job: str, document: str) -> None:
+        """Make a job's directory with its scene; leaves nothing where that fails, for instance on a full disk."""
+        directory = self.directory(job)
+        try:
+            directory.mkdir()
+            write_whole(directory / "scene.json", document.encode())
+        except OSError:
+            shutil.rmtree(directory, ignore_errors=True)
+            raise
 
     def _announce(self, connection: sqlite3.Connection, job: Job) -> None:
         """Publish a job's new state to clients and, for readers of the directory, in `job.json`.

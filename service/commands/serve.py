@@ -48,6 +48,7 @@ def serve(
     Jobs that run then write a checkpoint and continue when the service is started again.
     """
     service = _service(host=host, port=port, data=data, workers=workers, viewer_port=viewer_port)
+    logging.getLogger("service").setLevel(logging.INFO)  # what becomes of jobs
     _introduce(service)
     try:
         service.run()

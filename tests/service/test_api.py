@@ -1,6 +1,7 @@
 """The REST API over real HTTP; the workers only count."""
 
 import json
+import shutil
 import threading
 import time
 from http.client import HTTPConnection
@@ -263,6 +264,25 @@ def test_an_oversized_body_is_refused_before_it_is_read(http):
 
     assert_problem(http.post("/v1/jobs", content=chunks()), 413)
     assert http.get("/healthz").is_success
+
+
+def test_a_full_disk_refuses_a_job_and_leaves_nothing(http, service, monkeypatch):
+    def full(path, content):
+        raise OSError(28, "No space left on device")
+
+    before = sorted(service.store.data.iterdir())
+    monkeypatch.setattr("service.store.write_whole", full)
+    assert "No space left" in assert_problem(http.post("/v1/jobs", content=QUICKSTART), 507)["detail"]
+    assert sorted(service.store.data.iterdir()) == before
+
+
+def test_a_job_outlives_its_files(http, service):
+    job = finished(http)
+    shutil.rmtree(service.store.directory(job))
+    assert http.get(f"/v1/jobs/{job}/files").json() == {"files": []}
+    assert_problem(http.get(f"/v1/jobs/{job}/files/scene.json"), 404)
+    assert_problem(http.get(f"/v1/jobs/{job}/report"), 404)
+    assert http.get(f"/jobs/{job}").is_success and http.get("/").is_success
 
 
 def test_every_error_is_a_problem(http):

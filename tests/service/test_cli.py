@@ -64,7 +64,7 @@ def test_ctrl_c_leaves_a_checkpoint_that_resume_goes_on_from(tmp_path):
     _, messages = stopped.communicate()
     assert stopped.returncode == 130 and f"--resume {out}" in messages
     reached = json.loads((out / "report.json").read_text())["time"]["simulated_s"]
-    assert reached > 0.1
+    assert reached >= 0.1
     resumed = process("run", "--resume", out, "--until", reached + 0.05, "--json")
     report, messages = resumed.communicate()
     assert resumed.returncode == 0, messages
