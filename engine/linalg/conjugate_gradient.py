@@ -18,8 +18,10 @@ class Preconditioner(Protocol):
 
 def conjugate_gradient(
     a: BlockMatrix, b: Floats, x: Floats, preconditioner: Preconditioner, tolerance: float, max_iterations: int
-) -> int:
-    """Solve a x = b from x = 0 until the preconditioned residual falls by `tolerance`; returns the iterations.
+) -> tuple[int, bool]:
+    """Solve a x = b from x = 0 until the preconditioned residual falls by `tolerance`.
+
+    Returns the number of iterations, and whether the matrix was found positive along all of them.
 
     b and x have shape [n, 5]; x is overwritten. The norm is that of the preconditioner, in which the iteration itself
     measures: (r, M^-1 r)^1/2.
@@ -34,19 +36,19 @@ def conjugate_gradient(
     target = tolerance * tolerance * rho
     for iteration in range(1, max_iterations + 1):
         if rho <= 0.0:
-            return iteration - 1
+            return iteration - 1, True
         a.multiply(p, q)
         curvature = dot(p, q)
         if curvature <= 0.0:
-            return iteration - 1
+            return iteration, False
         advance(rho / curvature, p, q, x, r)
         preconditioner.solve(r, z)
         rho_next = dot(r, z)
         if rho_next <= target:
-            return iteration
+            return iteration, True
         turn(rho_next / rho, z, p)
         rho = rho_next
-    return max_iterations
+    return max_iterations, True
 
 
 @njit(cache=True)

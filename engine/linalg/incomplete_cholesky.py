@@ -9,6 +9,7 @@ from engine.linalg.block_matrix import BLOCK, BlockMatrix
 from engine.arrays import Floats, Ints
 
 FIRST_SHIFT = 1e-3
+LARGEST_SHIFT = 1.0
 
 
 @dataclass
@@ -27,8 +28,8 @@ class IncompleteCholesky:
         _solve(self.start, self.column, self.diagonal, self.lower, self.inverse, b, out)
 
 
-def factorise(a: BlockMatrix) -> IncompleteCholesky:
-    """Factorise a symmetric positive definite matrix on its own pattern.
+def factorise(a: BlockMatrix) -> IncompleteCholesky | None:
+    """Factorise a symmetric matrix on its own pattern; None where it is too far from positive definite.
 
     Dropping fill can lose positive definiteness; the factorisation is then repeated for A + shift diag(A) with a
     growing shift.
@@ -39,6 +40,8 @@ def factorise(a: BlockMatrix) -> IncompleteCholesky:
     position = np.full(a.rows, -1, np.int64)
     while not _factorise(a.start, a.column, a.diagonal, a.block, shift, lower, inverse, position):
         shift = max(FIRST_SHIFT, 4.0 * shift)
+        if shift > LARGEST_SHIFT:
+            return None
     return IncompleteCholesky(a.start, a.column, a.diagonal, lower, inverse, shift)
 
 

@@ -116,18 +116,18 @@ class IncrementalPotential:
                 pairs.append(np.column_stack([member[a][different], member[b][different]]))
         return with_pattern(m.point_count, np.concatenate(pairs))
 
-    def hessian(self, x: Floats, u: Floats, a: BlockMatrix) -> None:
-        """Write a positive semidefinite Hessian, with the constrained unknowns as identity, to `a`."""
+    def hessian(self, x: Floats, u: Floats, convex: bool, a: BlockMatrix) -> None:
+        """Write the Hessian, with the constrained unknowns as identity, to `a`; if `convex`, a positive form of it."""
         m, c, o = self.model, self.chain, self.obstacles
         a.block[:] = 0.0
         inertia.add_hessian(c.node, c.after, m.node_yarn, m.node_point, m.node_slot, m.density, m.kinematic, self.h,
                             self.u0, self.prediction, u, a.start, a.column, a.block)
         stretch.add_hessian(c.node, c.after, m.node_yarn, m.node_point, m.node_slot, m.stretch_stiffness,
-                            m.stretch_damping, self.h, self.x0, self.u0, x, u, a.start, a.column, a.block)
+                            m.stretch_damping, self.h, self.x0, self.u0, x, u, convex, a.start, a.column, a.block)
         bending.add_hessian(c.node, c.before, c.after, m.node_yarn, m.node_point, m.node_slot, m.bending_stiffness, x, u,
-                            a.start, a.column, a.block)
+                            convex, a.start, a.column, a.block)
         contact.add_hessian(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point, m.node_slot,
-                            self.constraint_stiffness, x, u, a.start, a.column, a.block)
+                            self.constraint_stiffness, x, u, convex, a.start, a.column, a.block)
         friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,
                              self.state.anchor, self.hold, u, a.diagonal, a.block)
         if len(self.touching):

@@ -6,6 +6,7 @@ from numba import njit
 from engine.arrays import Floats
 from engine.contact import obstacles as obstacle_contact
 from engine.contact.obstacles import Obstacles
+from engine.linalg.block_matrix import BlockMatrix
 from engine.linalg.conjugate_gradient import conjugate_gradient
 from engine.linalg.incomplete_cholesky import factorise
 from engine.steppers.incremental_potential import IncrementalPotential
@@ -46,14 +47,7 @@ class YarnStepper:
         while not self.converged(report, gradient, chain, x, u):
             if report.newton_iterations == self.settings.max_newton:
                 return rejected(report, watch, "Newton did not converge")
-            potential.hessian(x, u, hessian)
-            watch.lap("assemble")
-            preconditioner = factorise(hessian)
-            watch.lap("factor")
-            direction = np.empty_like(gradient)
-            report.linear_iterations += conjugate_gradient(
-                hessian, -gradient, direction, preconditioner, self.settings.linear_tolerance, self.settings.max_linear)
-            watch.lap("solve")
+            direction = self.newton_direction(potential, x, u, gradient, hessian, report, watch)
             dx, du = direction[:, :3], direction[self.model.node_point, 3 + self.model.node_slot]
             slope = float(np.sum(gradient * direction))
             found = line_search(potential, x, u, dx, du, energy, gradient, slope)
@@ -99,6 +93,27 @@ class YarnStepper:
         floor = 1e-9 * float(m.stretch_stiffness.max(initial=0.0))
         report.residual = float(np.abs(gradient).max(initial=0.0)) / max(self.weight, 1e-3 * tension, floor)
         return report.residual <= self.settings.tolerance
+
+    def newton_direction(
+        self, potential: IncrementalPotential, x: Floats, u: Floats, gradient: Floats, hessian: BlockMatrix,
+        report: StepReport, watch: Stopwatch,
+    ) -> Floats:
+        """Return H^-1 (-gradient), shape [P, 5]: of the true Hessian or, where that is indefinite, of its positive form."""
+        direction = np.empty_like(gradient)
+        for convex in (False, True):
+            potential.hessian(x, u, convex, hessian)
+            watch.lap("assemble")
+            preconditioner = factorise(hessian)
+            watch.lap("factor")
+            if preconditioner is not None:
+                iterations, positive = conjugate_gradient(
+                    hessian, -gradient, direction, preconditioner, self.settings.linear_tolerance,
+                    self.settings.max_linear)
+                report.linear_iterations += iterations
+                watch.lap("solve")
+                if positive:
+                    return direction
+        return -gradient
 
     def commit(
         self, state: YarnState, start: YarnState, potential: IncrementalPotential, x: Floats, u: Floats, h: float,

@@ -11,6 +11,11 @@ from engine.linalg.block_matrix import locate
 
 STRAIGHT = 1e-9  # sine of the angle below which the plane of bending is arbitrary
 
+# how the edges a = x0 - x-, b = x+ - x0 and the span D = u+ - u- depend on the three nodes
+EDGE_A = (-1.0, 1.0, 0.0)
+EDGE_B = (0.0, -1.0, 1.0)
+SPAN = (-1.0, 0.0, 1.0)
+
 
 @njit(cache=True)
 def add_gradient(chain, before, after, node_yarn, node_point, stiffness, x, u, gradient):
@@ -36,57 +41,54 @@ def add_gradient(chain, before, after, node_yarn, node_point, stiffness, x, u, g
 
 
 @njit(cache=True)
-def add_hessian(chain, before, after, node_yarn, node_point, node_slot, stiffness, x, u, start, column, block):
-    """Add a positive semidefinite Hessian: Gauss-Newton in the plane of bending, the stable mode across it.
+def add_hessian(chain, before, after, node_yarn, node_point, node_slot, stiffness, x, u, convex, start, column, block):
+    """Add the Hessian, exact but for the unstable mode across the plane of bending; if `convex`, its positive part.
 
-    Across the plane, tilts alpha of t and beta of s cost f ((cos theta)(alpha^2 + beta^2)/2 - alpha beta) with
-    f = 2 k_b theta / (D sin theta); its positive part is f (1 + cos theta) (alpha - beta)^2 / 4.
+    With a and b the two edges, dtheta = m.db/|b| - n.da/|a|; theta also turns at second order with the stretch of an edge.
+    Across the plane, tilts alpha of t and beta of s cost F (cos(theta) (alpha^2 + beta^2) / 2 - alpha beta) with
+    F = 2 k_b theta / (D sin theta); its positive part is F (1 + cos theta) (alpha - beta)^2 / 4. In the plane, the
+    Gauss-Newton form k_b grad(theta / D^1/2)^2 is the positive part.
     """
     t, s, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    aa, ab, bb = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    a_span, b_span = np.empty(3), np.empty(3)
     nodes = np.empty(3, np.int64)
-    inside = np.empty((3, 4))
-    across = np.empty((3, 4))
+    share = 0.5 if convex else 1.0
     for i in chain:
-        a, b = before[i], after[i]
-        k_b = stiffness[node_yarn[i]]
-        if a < 0 or b < 0 or k_b == 0.0:
+        if before[i] < 0 or after[i] < 0 or stiffness[node_yarn[i]] == 0.0:
             continue
-        la, lb, theta = _bend(x, node_point[a], node_point[i], node_point[b], t, s, n, m)
-        span = u[b] - u[a]
-        ratio = theta / np.sin(theta) if theta > STRAIGHT else 1.0
-        root = np.sqrt(2.0 * k_b / span)
-        side = np.sqrt(k_b / span * ratio * (1.0 + np.cos(theta)))
-        nodes[0], nodes[1], nodes[2] = a, i, b
-        for k in range(3):
-            binormal = t[(k + 1) % 3] * n[(k + 2) % 3] - t[(k + 2) % 3] * n[(k + 1) % 3]
-            inside[0, k] = root * n[k] / la
-            inside[2, k] = root * m[k] / lb
-            inside[1, k] = -inside[0, k] - inside[2, k]
-            across[0, k] = side * binormal / la
-            across[2, k] = side * binormal / lb
-            across[1, k] = -across[0, k] - across[2, k]
-        inside[0, 3] = 0.5 * root * theta / span
-        inside[1, 3] = 0.0
-        inside[2, 3] = -inside[0, 3]
-        across[:, 3] = 0.0
-        add_outer(nodes, inside, node_point, node_slot, start, column, block)
-        add_outer(nodes, across, node_point, node_slot, start, column, block)
-
-
-@njit(cache=True)
-def add_outer(nodes, v, node_point, node_slot, start, column, block):
-    """Add v v^T, v [nodes, 4] holding (x, u) of each node, to the blocks of the nodes' points."""
-    for a in range(len(nodes)):
-        p, sa = node_point[nodes[a]], 3 + node_slot[nodes[a]]
-        for b in range(len(nodes)):
-            sb = 3 + node_slot[nodes[b]]
-            k = locate(start, column, p, node_point[nodes[b]])
-            for r in range(3):
-                for c in range(3):
-                    block[k, r, c] += v[a, r] * v[b, c]
-                block[k, r, sb] += v[a, r] * v[b, 3]
-                block[k, sa, r] += v[a, 3] * v[b, r]
-            block[k, sa, sb] += v[a, 3] * v[b, 3]
+        nodes[0], nodes[1], nodes[2] = before[i], i, after[i]
+        la, lb, theta = _bend(x, node_point[nodes[0]], node_point[i], node_point[nodes[2]], t, s, n, m)
+        span = u[nodes[2]] - u[nodes[0]]
+        along = 2.0 * stiffness[node_yarn[i]] / span
+        turn = along * theta
+        tilt = 0.5 * along * (theta / np.sin(theta) if theta > STRAIGHT else 1.0) * (1.0 + np.cos(theta))
+        for r in range(3):
+            binormal_r = t[(r + 1) % 3] * n[(r + 2) % 3] - t[(r + 2) % 3] * n[(r + 1) % 3]
+            a_span[r] = share * turn * n[r] / (la * span)
+            b_span[r] = -share * turn * m[r] / (lb * span)
+            for c in range(3):
+                across = tilt * binormal_r * (t[(c + 1) % 3] * n[(c + 2) % 3] - t[(c + 2) % 3] * n[(c + 1) % 3])
+                aa[r, c] = (along * n[r] * n[c] + across) / (la * la)
+                bb[r, c] = (along * m[r] * m[c] + across) / (lb * lb)
+                if not convex:
+                    aa[r, c] += turn * (n[r] * t[c] + t[r] * n[c]) / (la * la)
+                    bb[r, c] -= turn * (m[r] * s[c] + s[r] * m[c]) / (lb * lb)
+                ab[r, c] = -(along * n[r] * m[c] + across) / (la * lb)
+        span_span = share * share * turn * theta / (span * span)
+        for p in range(3):
+            ap, bp, dp = EDGE_A[p], EDGE_B[p], SPAN[p]
+            for q in range(3):
+                aq, bq, dq = EDGE_A[q], EDGE_B[q], SPAN[q]
+                k = locate(start, column, node_point[nodes[p]], node_point[nodes[q]])
+                sp, sq = 3 + node_slot[nodes[p]], 3 + node_slot[nodes[q]]
+                for r in range(3):
+                    for c in range(3):
+                        block[k, r, c] += (
+                            ap * aq * aa[r, c] + ap * bq * ab[r, c] + bp * aq * ab[c, r] + bp * bq * bb[r, c])
+                    block[k, r, sq] += (ap * a_span[r] + bp * b_span[r]) * dq
+                    block[k, sp, r] += (aq * a_span[r] + bq * b_span[r]) * dp
+                block[k, sp, sq] += dp * dq * span_span
 
 
 @njit(cache=True)

@@ -56,12 +56,13 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
 
 @njit(cache=True)
 def add_hessian(
-    points, point_nodes, eil, before, after, node_point, node_slot, stiffness, x, u, start, column, block
+    points, point_nodes, eil, before, after, node_point, node_slot, stiffness, x, u, convex, start, column, block
 ):
-    """Add k_c J^T J, J the Jacobian of g with respect to the unknowns of up to five points."""
+    """Add k_c J^T J and, unless `convex`, k_c g.d2X; J is the Jacobian of g in the unknowns of up to five points."""
     jacobian = np.empty((5, 3, BLOCK))
     point = np.empty(5, np.int64)
-    place, w = np.empty(3), np.empty(3)
+    place, w = np.empty((2, 3)), np.empty((2, 3))
+    force = np.empty(3)
     for p in points:
         count = 1
         point[0] = p
@@ -71,19 +72,20 @@ def add_hessian(
             sign = 1.0 if side == 0 else -1.0
             if n >= 0 and eil[n]:
                 a, c = before[n], after[n]
-                _interpolate(a, c, n, node_point, x, u, place, w)
+                _interpolate(a, c, n, node_point, x, u, place[side], w[side])
                 s = (u[n] - u[a]) / (u[c] - u[a])
                 point[count], point[count + 1] = node_point[a], node_point[c]
                 for k in range(3):
-                    jacobian[0, k, 3 + side] = sign * w[k]
+                    jacobian[0, k, 3 + side] = sign * w[side, k]
                     jacobian[count, k, k] = sign * (1.0 - s)
                     jacobian[count + 1, k, k] = sign * s
-                    jacobian[count, k, 3 + node_slot[a]] = -sign * (1.0 - s) * w[k]
-                    jacobian[count + 1, k, 3 + node_slot[c]] = -sign * s * w[k]
+                    jacobian[count, k, 3 + node_slot[a]] = -sign * (1.0 - s) * w[side, k]
+                    jacobian[count + 1, k, 3 + node_slot[c]] = -sign * s * w[side, k]
                 count += 2
             else:
                 for k in range(3):
                     jacobian[0, k, k] = sign
+                    place[side, k] = x[p, k]
         for a in range(count):
             for b in range(count):
                 k = locate(start, column, point[a], point[b])
@@ -93,6 +95,44 @@ def add_hessian(
                         for m in range(3):
                             product += jacobian[a, m, r] * jacobian[b, m, c]
                         block[k, r, c] += stiffness[p] * product
+        for side in range(2):
+            n = point_nodes[p, side]
+            if n >= 0 and eil[n] and not convex:
+                sign = 1.0 if side == 0 else -1.0
+                for k in range(3):
+                    force[k] = sign * stiffness[p] * (place[0, k] - place[1, k])
+                _add_curvature(n, before[n], after[n], force, w[side], node_point, node_slot, u, start, column, block)
+
+
+@njit(cache=True)
+def _add_curvature(b, a, c, force, w, node_point, node_slot, u, start, column, block):
+    """Add force . d2X for X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a)."""
+    du = u[c] - u[a]
+    s = (u[b] - u[a]) / du
+    along = 0.0
+    for k in range(3):
+        along += force[k] * w[k]
+    nodes = (a, b, c)
+    towards_c = (-(1.0 - s) / du, 1.0 / du, -s / du)  # ds / du of each node
+    for m in range(3):
+        # d2X / (dx du): s moves from x_a to x_c
+        for q, weight in ((a, -towards_c[m]), (c, towards_c[m])):
+            k = locate(start, column, node_point[q], node_point[nodes[m]])
+            mirrored = locate(start, column, node_point[nodes[m]], node_point[q])
+            column_u = 3 + node_slot[nodes[m]]
+            for r in range(3):
+                block[k, r, column_u] += weight * force[r]
+                block[mirrored, column_u, r] += weight * force[r]
+    # d2X / (du du) = w times the second derivatives of (u_c - u_a) s at fixed ends
+    second = (
+        (-2.0 * (1.0 - s) / du, 1.0 / du, (1.0 - 2.0 * s) / du),
+        (1.0 / du, 0.0, -1.0 / du),
+        ((1.0 - 2.0 * s) / du, -1.0 / du, 2.0 * s / du),
+    )
+    for m in range(3):
+        for q in range(3):
+            k = locate(start, column, node_point[nodes[m]], node_point[nodes[q]])
+            block[k, 3 + node_slot[nodes[m]], 3 + node_slot[nodes[q]]] += along * second[m][q]
 
 
 @njit(cache=True)

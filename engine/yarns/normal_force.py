@@ -60,6 +60,14 @@ def normal_forces(
                     force[p] += 0.5 * _crimp_force(offset, rest_segment[y], bending_stiffness[y], tension)
 
 
+def initial_normal_forces(model, state, chain):
+    """Return F_n of every point for yarns at rest: the crimp's part alone [N]."""
+    n=(model.node_count, 4)
+    force=np.zeros(model.point_count)
+    normal_forces(model.point_kind, model.point_nodes, model.side, state.active, state.eil, chain.before, chain.after, model.node_point, model.node_yarn, model.radius, model.rest_segment, model.bending_stiffness, model.stretch_stiffness, np.zeros(model.point_count), np.zeros(n), np.zeros((model.point_count,3)), state.x, state.u, force)
+    return force
+
+
 @njit(cache=True)
 def _crimp_force(offset, spacing, bending_stiffness, tension):
     """Force with which a crimped yarn presses on the one it passes [N].

@@ -9,7 +9,7 @@ class YarnSettings:
 
     safety_distance: float = 0.1  # EoL nodes keep this far apart, in rest segments (Sánchez-Banderas 2020, sec. 4.1)
     constraint_factor: float = 100.0  # k_c of EIL contacts over k_s / rest segment (sec. 4.2 uses 1000)
-    friction_factor: float = 1.0  # stiffness of friction anchors over k_s / rest segment
+    friction_factor: float = 0.1  # stiffness of friction anchors over k_s / rest segment
     obstacle_factor: float = 1.0  # stiffness of obstacle contact over k_s / rest segment
     tolerance: float = 1e-3  # residual force that ends Newton, relative to the force scale of the step
     max_newton: int = 30  # iterations after which the step is tried again with half the size

@@ -43,9 +43,9 @@ def add_gradient(chain, after, node_yarn, node_point, stiffness, damping, h, x0,
 
 @njit(cache=True)
 def add_hessian(
-    chain, after, node_yarn, node_point, node_slot, stiffness, damping, h, x0, u0, x, u, start, column, block
+    chain, after, node_yarn, node_point, node_slot, stiffness, damping, h, x0, u0, x, u, convex, start, column, block
 ):
-    """Add the positive semidefinite Hessian: exact under tension, without the geometric term under compression."""
+    """Add the Hessian; if `convex`, without the geometric term of segments under compression, which is negative."""
     d = np.empty(3)
     z = np.empty((2, 4))
     for i in chain:
@@ -59,7 +59,9 @@ def add_hessian(
         if damping[y] > 0.0:
             _, du0 = _rest(x0, u0, node_point, i, j)
             along += damping[y] * stiffness[y] * du0 / (h * du * du)
-        across = max(stiffness[y] * (lam - 1.0), 0.0) / l
+        across = stiffness[y] * (lam - 1.0) / l
+        if convex:
+            across = max(across, 0.0)
         for k in range(3):
             z[0, k] = -d[k]
             z[1, k] = d[k]
