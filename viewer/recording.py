@@ -25,6 +25,7 @@ from engine.scene.build import build
 from engine.scene.schema import Scene
 from viewer import layers, shapes
 from viewer.lay import layout_of
+from viewer.spill import Spill
 
 TIMELINE = "simulated"  # time of the scene [s]
 CLOTH, NODES, OBSTACLES, SERIES = "cloth/yarns", "nodes", "obstacles", "series"
@@ -34,7 +35,6 @@ PLOTS = {
     "Contacts": ("eol_intra", "eol_inter", "eil"),
     "Energy [J]": ("kinetic_energy", "potential_energy"),
 }
-PATIENCE = 30.0  # seconds that the disk may take for a frame
 BACKGROUND = (238, 236, 232)
 log = logging.getLogger(__name__)
 
@@ -50,6 +50,7 @@ class Recorder:
         self._obstacles = built.obstacles
         self._layout = layout_of(scene, built)
         self._stream: rr.RecordingStream | None = None
+        self._file: Spill | None = None
         self._broken = False
 
     def log(self, frame: Frame) -> None:
@@ -65,13 +66,13 @@ class Recorder:
             return
         try:
             action()
-        except (OSError, RuntimeError, subprocess.SubprocessError) as problem:  # Rerun raises RuntimeError
+        except (OSError, subprocess.SubprocessError) as problem:
             self._broken, self._stream = True, None
-            log.error("recording stops at %s, the run goes on: %s (disk full?)", what, problem)
+            log.error("recording stops at %s, the run goes on: %s", what, problem)
 
     def _add(self, frame: Frame) -> None:
-        if self._stream is None:
-            self._stream = self._open(frame)
+        if self._stream is None or self._file is None:
+            self._stream, self._file = self._open(frame)
         stream = self._stream
         stream.set_time(TIMELINE, duration=frame.time)
         stream.set_time("frame", sequence=frame.index)
@@ -84,9 +85,10 @@ class Recorder:
             stream.log(f"{NODES}/points", rr.Points3D(points.points, colors=points.colours, radii=points.radii[:1]))
         for key, value in frame.series.items():
             stream.log(f"{SERIES}/{key}", rr.Scalars(value))
-        stream.flush(timeout_sec=PATIENCE)
+        stream.flush()
+        self._file.settle()
 
-    def _open(self, first: Frame) -> rr.RecordingStream:
+    def _open(self, first: Frame) -> tuple[rr.RecordingStream, Spill]:
         parts = recording_parts(self._path)
         if first.index == 0:
             for part in parts:
@@ -96,21 +98,23 @@ class Recorder:
         low, high = layers.scene_bounds(first, self._obstacles)
         identity = uuid.uuid5(uuid.NAMESPACE_URL, f"{self._path.absolute()} {self._scene.model_dump_json()}")
         stream = rr.RecordingStream("strandline", recording_id=str(identity))
-        stream.save(target, default_blueprint=blueprint(low, high))
+        file = Spill(target)
+        stream.save(file.entrance, default_blueprint=blueprint(low, high))
+        file.seal()
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for index in range(len(self._obstacles.kind)):
             mesh = shapes.obstacle_mesh(self._obstacles, index, low, high)
             stream.log(f"{OBSTACLES}/{index}", obstacle(mesh), static=True)
         if first.yarns is not None:
             log_looks(stream, first.yarns)
-        return stream
+        return stream, file
 
     def _finish(self) -> None:
-        if self._stream is None:
+        if self._stream is None or self._file is None:
             return
-        self._stream.flush(timeout_sec=PATIENCE)
         self._stream.disconnect()
         self._stream = None
+        self._file.close()
         parts = recording_parts(self._path)
         if len(parts) > 1:
             join(parts, self._path)

@@ -1,0 +1,152 @@
+"""The page as a visitor sees it, in headless Chromium with software rendering."""
+
+import io
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Page, expect, sync_playwright
+
+from engine.run.frames import write_frame
+from tests.viewer import synthetic
+from viewer.server import LiveViewer
+
+FLAGS = (
+    "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --disable-quic --no-first-run "
+    "--disable-background-networking --disable-component-update --disable-sync --disable-dev-shm-usage "
+    "--hide-scrollbars"
+).split()
+FRAMES = 10
+PATIENCE = 20_000  # [ms]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("jobs")
+    synthetic.write_job(path / "cloths", FRAMES)
+    synthetic.write_job(path / "running", 3, state="running")
+    return path
+
+
+@pytest.fixture(scope="module")
+def viewer(data) -> Iterator[LiveViewer]:
+    served = LiveViewer(data, "127.0.0.1", 0)
+    yield served
+    served.stop()
+
+
+@pytest.fixture(scope="module")
+def page(viewer) -> Iterator[Page]:
+    chromium = shutil.which("chromium")
+    assert chromium, "the viewer's tests need Chromium: install the package chromium"
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        page = browser.new_page(viewport={"width": 760, "height": 460})
+        page.set_default_timeout(PATIENCE)
+        yield page
+        browser.close()
+
+
+def url(viewer: LiveViewer, job: str) -> str:
+    return f"http://127.0.0.1:{viewer.port}/?job={job}"
+
+
+def picture(page: Page) -> np.ndarray:
+    """Return the 3D canvas once it has come to rest, as bytes."""
+    last = np.zeros(0)
+    deadline = time.monotonic() + PATIENCE / 1000
+    while time.monotonic() < deadline:
+        shot = page.locator("canvas").first.screenshot()
+        now = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), float)[:, :420]  # left of the panel
+        if now.shape == last.shape and np.abs(now - last).max() < 3:
+            return now
+        last = now
+        time.sleep(0.3)
+    raise AssertionError("the picture does not come to rest")
+
+
+def share_changed(a: np.ndarray, b: np.ndarray) -> float:
+    return float((np.abs(a - b).max(axis=2) > 16).mean())
+
+
+def drag_timeline_to_start(page: Page) -> None:
+    thumb = page.get_by_role("slider").first.bounding_box()
+    assert thumb
+    x, y = thumb["x"] + thumb["width"] / 2, thumb["y"] + thumb["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x - 60, y, steps=4)
+    page.mouse.move(x - 400, y, steps=4)
+    page.mouse.up()
+
+
+def test_dragging_the_timeline_and_toggling_layers_change_the_picture(page, viewer):
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url))
+    page.goto(url(viewer, "cloths"))
+    expect(page.get_by_text("two cloths by formula")).to_be_visible()
+    expect(page.get_by_text(f"frame {FRAMES - 1} of {FRAMES - 1}")).to_be_visible()
+    last = picture(page)
+    assert share_changed(last, np.broadcast_to(last[5, 5], last.shape)) > 0.1, "something is drawn"
+
+    drag_timeline_to_start(page)
+    expect(page.get_by_text(f"frame 0 of {FRAMES - 1}")).to_be_visible()
+    first = picture(page)
+    assert share_changed(first, last) > 0.02
+
+    page.get_by_role("checkbox", name="Nodes").click()
+    nodes = picture(page)
+    assert share_changed(nodes, first) > 0.02
+    red = (nodes[..., 0] > 1.6 * nodes[..., 1]) & (nodes[..., 0] > 1.6 * nodes[..., 2])
+    assert red.sum() > 20, "EIL-EIL nodes are red"
+
+    page.get_by_role("checkbox", name="Obstacles").click()
+    assert share_changed(picture(page), nodes) > 0.02
+
+    page.get_by_role("button", name="next").click()
+    expect(page.get_by_text(f"frame 1 of {FRAMES - 1}")).to_be_visible()
+    page.get_by_role("button", name="Play").click()
+    expect(page.get_by_text(f"frame {FRAMES - 1} of {FRAMES - 1}")).to_be_visible()
+    outside = [address for address in requests if "127.0.0.1" not in address]
+    assert not outside, "the page asks nobody else for anything"
+
+
+def test_new_frames_of_a_running_job_are_followed(page, viewer, data):
+    page.goto(url(viewer, "running"))
+    expect(page.get_by_text("running · time 0.0667 s · frame 2 of 2")).to_be_visible()
+    write_frame(data / "running", synthetic.frame(3))
+    expect(page.get_by_text("frame 3 of 3")).to_be_visible()
+
+
+def test_an_unreadable_scene_is_said_and_its_yarns_are_shown(page, viewer, data):
+    synthetic.write_job(data / "broken", 2)
+    (data / "broken" / "scene.json").write_text("{")
+    page.goto(url(viewer, "broken"))
+    expect(page.get_by_text("scene not readable")).to_be_visible()
+    expect(page.get_by_text("frame 1 of 1")).to_be_visible()
+
+
+def test_a_job_that_has_not_begun_is_waited_for(page, viewer, data):
+    page.goto(url(viewer, "later"))
+    expect(page.get_by_text("waiting for this job to begin")).to_be_visible()
+    synthetic.write_job(data / "later", 1)
+    expect(page.get_by_text("frame 0 of 0")).to_be_visible()
+
+
+def test_strangers_are_turned_away(viewer):
+    address = f"http://127.0.0.1:{viewer.port}/"
+    assert httpx.get(address).status_code == 200
+    assert httpx.get(address, headers={"Host": "evil.example"}).status_code == 421
+    handshake = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
+                 "Sec-WebSocket-Key": "x" * 22 + "=="}  # fmt: skip
+    assert httpx.get(address, headers={**handshake, "Origin": "http://evil.example"}).status_code == 403
+
+
+def test_an_address_for_others_needs_a_token(data):
+    with pytest.raises(ValueError, match="token"):
+        LiveViewer(data, "0.0.0.0", 0)
