@@ -1,0 +1,83 @@
+"""Preconditioned conjugate gradients against dense solves."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from engine.linalg.block_matrix import BLOCK
+from engine.linalg.conjugate_gradient import conjugate_gradient
+from engine.linalg.incomplete_cholesky import factorise
+from tests.engine.linalg.dense import blocked, chain, positive
+
+GRID = [(i, i + 1) for i in range(11) if i % 4 != 3] + [(i, i + 4) for i in range(8)]  # 3 x 4 points
+
+
+class Identity:
+    """The preconditioner that does nothing."""
+
+    def solve(self, b, out):
+        out[:] = b
+
+
+def solved(full, b, pairs, preconditioner=None, tolerance=1e-12, most=1000):
+    a = blocked(full, pairs)
+    x = np.full_like(b, np.nan)
+    return x, *conjugate_gradient(a, b, x, preconditioner or factorise(a), tolerance, most)
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 1000))
+@pytest.mark.parametrize("preconditioned", [False, True])
+def test_the_solution_of_the_full_matrix(preconditioned, seed):
+    rng = np.random.default_rng(seed)
+    full, b = positive(rng, 12, GRID), rng.normal(size=(12, BLOCK))
+    x, iterations, is_positive = solved(full, b, GRID, None if preconditioned else Identity())
+    assert is_positive and 0 < iterations < 1000
+    np.testing.assert_allclose(x.ravel(), np.linalg.solve(full, b.ravel()), rtol=1e-8, atol=1e-8)
+
+
+def test_one_iteration_with_exact_factors():
+    rng = np.random.default_rng(0)
+    full, b = positive(rng, 9, chain(9)), rng.normal(size=(9, BLOCK))
+    x, iterations, _ = solved(full, b, chain(9))
+    assert iterations <= 2  # the second only where the first leaves round-off above the tolerance
+    np.testing.assert_allclose(x.ravel(), np.linalg.solve(full, b.ravel()), rtol=1e-9)
+
+
+def test_the_preconditioned_residual_falls_by_the_tolerance():
+    rng = np.random.default_rng(1)
+    full, b = positive(rng, 12, GRID), rng.normal(size=(12, BLOCK))
+    residuals = []
+    for tolerance in (1e-1, 1e-3, 1e-6):
+        x, _, _ = solved(full, b, GRID, Identity(), tolerance)
+        residuals.append(np.linalg.norm(b.ravel() - full @ x.ravel()) / np.linalg.norm(b))
+        assert residuals[-1] <= tolerance
+    assert residuals == sorted(residuals, reverse=True)
+
+
+def test_no_more_iterations_than_allowed():
+    rng = np.random.default_rng(2)
+    full, b = positive(rng, 12, GRID), rng.normal(size=(12, BLOCK))
+    assert solved(full, b, GRID, Identity(), most=3)[1:] == (3, True)
+
+
+def test_nothing_to_solve():
+    x, iterations, is_positive = solved(np.eye(12 * BLOCK), np.zeros((12, BLOCK)), GRID)
+    assert not x.any() and iterations == 0 and is_positive
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 1000))
+def test_negative_curvature_is_reported(seed):
+    rng = np.random.default_rng(seed)
+    full = positive(rng, 12, GRID) - 2.0 * np.eye(12 * BLOCK)  # some eigenvalues stay above 2, those of gaps are -1
+    assert np.linalg.eigvalsh(full).min() < 0.0 < np.linalg.eigvalsh(full).max()
+    _, _, is_positive = solved(full, rng.normal(size=(12, BLOCK)), GRID, Identity())
+    assert not is_positive
+
+
+def test_the_same_to_the_bit_when_repeated():
+    rng = np.random.default_rng(3)
+    full, b = positive(rng, 12, GRID), rng.normal(size=(12, BLOCK))
+    np.testing.assert_array_equal(solved(full, b, GRID)[0], solved(full, b, GRID)[0])
