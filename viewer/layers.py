@@ -46,7 +46,7 @@ LINE_SCALE = 0.2
 
 VIEW_DIRECTION = np.array((0.62, -0.64, 0.46))  # from the scene's middle to the eye
 FIELD_OF_VIEW = np.radians(35)  # a lens long enough that yarns near the border are not distorted
-FILL = 0.9  # distance of the eye against that at which the ball around the scene touches the picture's border
+FILL = 1.0  # distance of the eye against that at which the ball around the scene touches the picture's border
 OBSTACLE_REACH = 1.0  # an obstacle is framed if its half diagonal is below this many diagonals of the yarns' box
 
 # Strain runs from compressed to stretched through a pale middle (ColorBrewer's RdBu, safe for colour-blind eyes).

@@ -114,7 +114,7 @@ def status_html(title: str, detail: str) -> str:
     """Return one strong and one quiet line of text."""
     return (
         f'<div style="padding:.2em .8em;font-variant-numeric:tabular-nums"><b>{escape(title)}</b>'
-        f'<div style="font-size:.85em;color:#5f6670">{escape(detail)}</div></div>'
+        f'<div style="font-size:.78em;color:#5f6670">{escape(detail)}</div></div>'
     )
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from queue import SimpleQueue
 
+import numpy as np
 import viser
 
 from engine.run.frames import Frame
@@ -88,7 +89,7 @@ class Session:
         def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 chosen = panel.job.value
-                note(lambda: self._open(chosen))
+                note(lambda: self._choose(chosen))
 
         @panel.paint.on_update
         def _(_event: viser.GuiEvent) -> None:
@@ -102,13 +103,12 @@ class Session:
         """See which jobs there are and what the present one has written."""
         ids = job_ids(self._data)
         self._panel.set_jobs(ids)
-        if self._job is None and ids:
-            if self._asked is None or self._asked in ids:
-                self._open(self._asked or ids[0])
-            else:
-                self._panel.status.content = status_html(self._asked, "waiting for this job to begin")
         if self._job is None:
-            return
+            wanted = self._asked or next(iter(ids), "")
+            if wanted not in ids:
+                self._panel.status.content = status_html(wanted or "no job yet", "shown here as soon as it begins")
+                return
+            self._job = self._open(wanted)
         changed = self._job.look()
         if self._job.read_series(SERIES_PER_TICK) or changed:
             self._next_look = 0.0  # there may be more
@@ -116,15 +116,18 @@ class Session:
             self._panel.set_frame_count(len(self._job.times))
             self._panel.set_plots(self._job.times, self._job.series)
 
-    def _open(self, job_id: str) -> None:
-        """Turn to another job."""
-        if job_id == NO_JOB:
-            return
-        self._job, self._framed, self._drawn = Job(self._data / job_id), False, None
+    def _choose(self, job_id: str) -> None:
+        if job_id != NO_JOB:
+            self._job = self._open(job_id)
+
+    def _open(self, job_id: str) -> Job:
+        """Make the page ready for another job, and return it."""
+        job = Job(self._data / job_id)
+        self._framed, self._drawn = False, None
         self._stage.clear()
         self._timeline.extend([])
         try:
-            scene, built = self._job.scene()
+            scene, built = job.scene()
         except SceneError as problem:
             # yarns are in the frames; without the scene their order over each other and the obstacles are missing
             self._title, self._obstacles, self._layout = "scene not readable", NO_OBSTACLES, unchanged
@@ -134,6 +137,7 @@ class Session:
         self._panel.job.value = job_id  # type: ignore[misc]  # settable: mypy loses the setter in viser's inheritance
         self._follow(True)
         self._next_look = 0.0
+        return job
 
     def _follow(self, wanted: bool) -> None:
         self._timeline.playing, self._timeline.follow = False, wanted
@@ -147,11 +151,12 @@ class Session:
             panel.status.content = status_html(self._title, f"{job.state}, no frame yet")
             return
         frame, shown = read_frame_once(job.frames[timeline.index]), panel.shown()
-        detail = f"{job.state} · time {frame.time:.4f} s · frame {frame.index} of {timeline.last} · step {frame.step}"
+        detail = f"{job.state} · time {frame.time:.3f} s · frame {frame.index} of {timeline.last} · step {frame.step}"
         panel.status.content = status_html(self._title, detail)
         if not self._framed:
-            self._frame_view(frame)
-            self._stage.set_obstacles(self._obstacles, *scene_bounds(frame, self._obstacles))
+            bounds = self._bounds([read_frame_once(job.frames[0]), frame])
+            self._stage.set_obstacles(self._obstacles, *bounds)
+            self._stage.frame_camera(*bounds)
             self._framed = True
         if self._drawn is None or self._drawn[0] is not frame or self._drawn[1] != shown:
             self._stage.draw(frame.yarns, self._layout, shown)
@@ -159,7 +164,8 @@ class Session:
 
     def _refit(self) -> None:
         if self._drawn is not None:
-            self._frame_view(self._drawn[0])
+            self._stage.frame_camera(*self._bounds([self._drawn[0]]))
 
-    def _frame_view(self, frame: Frame) -> None:
-        self._stage.frame_camera(*scene_bounds(frame, self._obstacles))
+    def _bounds(self, frames: list[Frame]) -> tuple[np.ndarray, np.ndarray]:
+        lows, highs = zip(*(scene_bounds(frame, self._obstacles) for frame in frames), strict=True)
+        return np.min(lows, axis=0), np.max(highs, axis=0)

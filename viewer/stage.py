@@ -12,6 +12,7 @@ from viewer.lay import Layout
 from viewer.layers import Bytes, Paint
 from viewer.shapes import Instances
 
+PANEL_SHARE = 0.12  # the scene is moved left by this share of its size, out from under the panel
 SPARE = 1.2  # room for this many times the instances that have to be shown
 
 
@@ -55,9 +56,7 @@ class Stage:
         for index in range(len(obstacles.kind)):
             mesh = shapes.obstacle_mesh(obstacles, index, low, high)
             self._obstacles.append(
-                self._client.scene.add_mesh_simple(
-                    f"/obstacles/{index}", mesh.vertices, mesh.faces, color=mesh.colour
-                )
+                self._client.scene.add_mesh_simple(f"/obstacles/{index}", mesh.vertices, mesh.faces, color=mesh.colour)
             )
 
     def frame_camera(self, low: np.ndarray, high: np.ndarray) -> None:
@@ -67,7 +66,11 @@ class Stage:
         camera.up_direction = (0.0, 0.0, 1.0)
         camera.fov = layers.FIELD_OF_VIEW
         camera.near, camera.far = size / 500, size * 50
-        camera.position, camera.look_at = layers.viewpoint(low, high)  # in this order: the first moves the second
+        eye, target = layers.viewpoint(low, high)
+        right = np.cross(target - eye, (0.0, 0.0, 1.0))
+        aside = PANEL_SHARE * size * right / np.linalg.norm(right)
+        camera.position = eye + aside
+        camera.look_at = target + aside  # after the position, which carries the old target along
 
     def draw(self, yarns: YarnFrame | None, layout: Layout, shown: Shown) -> None:
         """Show the yarns of one frame: as they lie, or with the nodes on thin lines where they are computed."""

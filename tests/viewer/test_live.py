@@ -118,7 +118,7 @@ def test_dragging_the_timeline_and_toggling_layers_change_the_picture(page, view
 
 def test_new_frames_of_a_running_job_are_followed(page, viewer, data):
     page.goto(url(viewer, "running"))
-    expect(page.get_by_text("running · time 0.0667 s · frame 2 of 2")).to_be_visible()
+    expect(page.get_by_text("running · time 0.067 s · frame 2 of 2")).to_be_visible()
     write_frame(data / "running", synthetic.frame(3))
     expect(page.get_by_text("frame 3 of 3")).to_be_visible()
 
@@ -133,7 +133,7 @@ def test_an_unreadable_scene_is_said_and_its_yarns_are_shown(page, viewer, data)
 
 def test_a_job_that_has_not_begun_is_waited_for(page, viewer, data):
     page.goto(url(viewer, "later"))
-    expect(page.get_by_text("waiting for this job to begin")).to_be_visible()
+    expect(page.get_by_text("shown here as soon as it begins")).to_be_visible()
     synthetic.write_job(data / "later", 1)
     expect(page.get_by_text("frame 0 of 0")).to_be_visible()
 
