@@ -38,6 +38,8 @@ class Step(Part):
     """Nodes that come nearer than this, in rest segments, become EIL nodes."""
     constraint_factor: Positive = YarnSettings.constraint_factor
     """Stiffness that holds EIL contacts together, over stretch stiffness / rest segment."""
+    gap_tolerance: Positive = YarnSettings.gap_tolerance
+    """Gap of EIL contacts that a step may leave, in yarn radii."""
     friction_factor: Positive = YarnSettings.friction_factor
     """Stiffness of friction anchors, over stretch stiffness / rest segment."""
     obstacle_factor: Positive = YarnSettings.obstacle_factor
@@ -59,7 +61,7 @@ class Step(Part):
     separation_steps: Annotated[int, Field(ge=1, le=1000)] = YarnSettings.separation_steps
     """Successive steps of pulling after which a contact between fabrics is removed."""
     separation_force: NotNegative = YarnSettings.separation_force
-    """Pull [N] that counts as pulling."""
+    """Pull that counts as pulling, in weights of a rest segment."""
 
 
 class Hold(Part):

@@ -33,7 +33,9 @@ class IncrementalPotential:
 
         active_node = state.active[model.node_point]
         self.sliding = np.flatnonzero(active_node & ~model.u_fixed)
-        self.split = np.flatnonzero(state.active & (state.eil[first] | ((second >= 0) & state.eil[second])))
+        has_eil = state.eil[first] | ((second >= 0) & state.eil[second])
+        self.split = np.flatnonzero(state.active & has_eil & (model.point_kind != PointKind.LAGRANGIAN))
+        self.interpolated = np.flatnonzero(state.active & constraints.interpolated(model, state))
         self.stretch_at_start = np.ones(model.node_count)
         normal_force.stretches(np.flatnonzero(active_node), chain.before, chain.after, model.node_point, self.x0, self.u0,
                                self.stretch_at_start)
@@ -52,6 +54,7 @@ class IncrementalPotential:
         self.constrained_points = np.flatnonzero(self.constrained)
         self.by_node = np.zeros((model.node_count, 4))
         self.gap = np.zeros((model.point_count, 3))
+        self.multiplier = np.zeros((model.point_count, 3))
 
     def _touching(self) -> Ints:
         """Points that may touch obstacles: those whose x moves with one fabric's material."""
@@ -60,10 +63,8 @@ class IncrementalPotential:
         model, state = self.model, self.state
         kind = model.point_kind
         of_one_fabric = (kind == PointKind.LAGRANGIAN) | (kind == PointKind.CROSSING) | (kind == PointKind.STITCH)
-        first, second = model.point_nodes.T
-        only_eil = state.eil[first] & (second >= 0) & state.eil[second]
         free = model.free_directions.any(axis=(1, 2))
-        return np.flatnonzero(of_one_fabric & state.active & free & ~only_eil)
+        return np.flatnonzero(of_one_fabric & state.active & free & ~constraints.interpolated(model, state))
 
     def internal(self, x: Floats, u: Floats) -> float:
         """Write the gradient of inertia, elasticity and constraints by node [N, 4]; returns their energy [J]."""
@@ -76,7 +77,7 @@ class IncrementalPotential:
                                        self.h, self.x0, self.u0, x, u, g)
         energy += bending.add_gradient(c.node, c.before, c.after, m.node_yarn, m.node_point, m.bending_stiffness, x, u, g)
         energy += contact.add_gradient(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
-                                       self.constraint_stiffness, x, u, g, self.gap)
+                                       self.constraint_stiffness, self.multiplier, x, u, g, self.gap)
         return energy
 
     def gradient(self, x: Floats, u: Floats) -> tuple[float, Floats]:
@@ -93,6 +94,19 @@ class IncrementalPotential:
                 self.obstacle_stiffness, self.state.obstacle_anchor, self.state.obstacle_force, self.x0, x, gradient)
         constraints.project_gradient(self.constrained_points, self.projector, gradient)
         return energy, gradient
+
+    def constraint_force(self) -> Floats:
+        """Return m + k_c g of the last evaluation, shape [P, 3] [N]."""
+        return self.multiplier + self.constraint_stiffness[:, None] * self.gap
+
+    def elimination_order(self) -> Ints:
+        """Return all points, those with only EIL nodes first.
+
+        Those are condensed exactly: the blocks between their neighbours are in the pattern already.
+        """
+        later = np.ones(self.model.point_count, np.bool_)
+        later[self.interpolated] = False
+        return np.concatenate([self.interpolated, np.flatnonzero(later)])
 
     def pattern(self) -> BlockMatrix:
         """Return a zero matrix with the blocks that the terms of this step touch."""
@@ -127,7 +141,7 @@ class IncrementalPotential:
         bending.add_hessian(c.node, c.before, c.after, m.node_yarn, m.node_point, m.node_slot, m.bending_stiffness, x, u,
                             convex, a.start, a.column, a.block)
         contact.add_hessian(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point, m.node_slot,
-                            self.constraint_stiffness, x, u, convex, a.start, a.column, a.block)
+                            self.constraint_stiffness, self.multiplier, x, u, convex, a.start, a.column, a.block)
         friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,
                              self.state.anchor, self.hold, u, a.diagonal, a.block)
         if len(self.touching):

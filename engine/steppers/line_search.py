@@ -13,14 +13,16 @@ KEPT_APART = 0.2  # share of a segment's material length that is left after one 
 
 
 def line_search(
-    potential: IncrementalPotential, x: Floats, u: Floats, dx: Floats, du: Floats, energy: float, gradient: Floats,
-    slope: float,
+    potential: IncrementalPotential, x: Floats, u: Floats, energy: float, gradient: Floats, direction: Floats
 ) -> tuple[Floats, Floats, float, Floats] | None:
-    """Return the first accepted (x, u, energy, gradient) along (dx, du), or None.
+    """Return the first accepted (x, u, energy, gradient) along `direction` [P, 5], or None.
 
-    x, dx have shape [P, 3]; u, du [N]; `slope` is the directional derivative. A step is accepted for a sufficient decrease
-    of the energy, or for one of the gradient: close to the solution, changes of the energy drown in round-off.
+    x has shape [P, 3], u [N]. A step is accepted for a sufficient decrease of the energy, or for one of the gradient:
+    close to the solution, changes of the energy drown in round-off.
     """
+    model = potential.model
+    dx, du = direction[:, :3], direction[model.node_point, 3 + model.node_slot]
+    slope = float(np.sum(gradient * direction))
     alpha = longest_update(potential.chain, u, du)
     norm = np.abs(gradient).max()
     while alpha > SHORTEST:

@@ -6,11 +6,9 @@ from numba import njit
 from engine.arrays import Floats
 from engine.contact import obstacles as obstacle_contact
 from engine.contact.obstacles import Obstacles
-from engine.linalg.block_matrix import BlockMatrix
-from engine.linalg.conjugate_gradient import conjugate_gradient
-from engine.linalg.incomplete_cholesky import factorise
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.line_search import line_search, longest_update
+from engine.steppers.newton_system import NewtonSystem
 from engine.steppers.step_report import StepReport, Stopwatch
 from engine.yarns import contact, friction, inertia, normal_force
 from engine.yarns.handles import Handles
@@ -30,6 +28,7 @@ class YarnStepper:
         self.model, self.settings, self.obstacles, self.handles = model, settings, obstacles, handles
         self.gravity = np.asarray(gravity, np.float64)
         self.weight = float(np.max(model.density * model.rest_segment, initial=0.0) * np.linalg.norm(self.gravity))
+        self.radius = model.radius[model.node_yarn[model.point_nodes[:, 0]]]
 
     def step(self, state: YarnState, time: float, h: float) -> StepReport:
         """Advance `state` from `time` by `h` [s]; a rejected step leaves it as it was."""
@@ -38,19 +37,24 @@ class YarnStepper:
         chain = self.assign_nodes(start, h)
         potential = IncrementalPotential(
             self.model, self.settings, self.gravity, self.obstacles, start, chain, h)
-        hessian = potential.pattern()
+        system = NewtonSystem(potential, self.settings, watch)
         watch.lap("assign")
 
         x, u = self.extrapolate(start, chain, time, h)
         energy, gradient = potential.gradient(x, u)
         watch.lap("assemble")
-        while not self.converged(report, gradient, chain, x, u):
+        while True:
+            self.measure(report, potential, gradient, x, u)
+            if report.residual <= self.settings.tolerance:
+                if report.contact_gap <= self.settings.gap_tolerance:
+                    break
+                potential.multiplier = potential.constraint_force()
+                energy, gradient = potential.gradient(x, u)
             if report.newton_iterations == self.settings.max_newton:
                 return rejected(report, watch, "Newton did not converge")
-            direction = self.newton_direction(potential, x, u, gradient, hessian, report, watch)
-            dx, du = direction[:, :3], direction[self.model.node_point, 3 + self.model.node_slot]
-            slope = float(np.sum(gradient * direction))
-            found = line_search(potential, x, u, dx, du, energy, gradient, slope)
+            direction, iterations = system.direction(x, u, gradient)
+            report.linear_iterations += iterations
+            found = line_search(potential, x, u, energy, gradient, direction)
             watch.lap("line_search")
             if found is None:
                 return rejected(report, watch, "the line search found no descent")
@@ -86,34 +90,16 @@ class YarnStepper:
         du = np.where(self.model.u_fixed | ~start.active[self.model.node_point], 0.0, h * start.u_rate)
         return x, start.u + longest_update(chain, start.u, du) * du
 
-    def converged(self, report: StepReport, gradient: Floats, chain: Chain, x: Floats, u: Floats) -> bool:
-        """Compare the residual force with gravity and with the largest internal force; notes it in the report."""
-        m = self.model
-        tension = largest_tension(chain.node, chain.after, m.node_yarn, m.node_point, m.stretch_stiffness, x, u)
+    def measure(
+        self, report: StepReport, potential: IncrementalPotential, gradient: Floats, x: Floats, u: Floats
+    ) -> None:
+        """Note the residual force, compared with gravity and with the largest internal force, and the largest gap."""
+        m, c = self.model, potential.chain
+        tension = largest_tension(c.node, c.after, m.node_yarn, m.node_point, m.stretch_stiffness, x, u)
         floor = 1e-9 * float(m.stretch_stiffness.max(initial=0.0))
         report.residual = float(np.abs(gradient).max(initial=0.0)) / max(self.weight, 1e-3 * tension, floor)
-        return report.residual <= self.settings.tolerance
-
-    def newton_direction(
-        self, potential: IncrementalPotential, x: Floats, u: Floats, gradient: Floats, hessian: BlockMatrix,
-        report: StepReport, watch: Stopwatch,
-    ) -> Floats:
-        """Return H^-1 (-gradient), shape [P, 5]: of the true Hessian or, where that is indefinite, of its positive form."""
-        direction = np.empty_like(gradient)
-        for convex in (False, True):
-            potential.hessian(x, u, convex, hessian)
-            watch.lap("assemble")
-            preconditioner = factorise(hessian)
-            watch.lap("factor")
-            if preconditioner is not None:
-                iterations, positive = conjugate_gradient(
-                    hessian, -gradient, direction, preconditioner, self.settings.linear_tolerance,
-                    self.settings.max_linear)
-                report.linear_iterations += iterations
-                watch.lap("solve")
-                if positive:
-                    return direction
-        return -gradient
+        gap = np.linalg.norm(potential.gap[potential.split], axis=1)
+        report.contact_gap = float((gap / self.radius[potential.split]).max(initial=0.0))
 
     def commit(
         self, state: YarnState, start: YarnState, potential: IncrementalPotential, x: Floats, u: Floats, h: float,
@@ -122,7 +108,7 @@ class YarnStepper:
         """Take (x, u) as the end of the step: velocity, friction, normal forces, contacts that ended."""
         m, c, s = self.model, potential.chain, self.settings
         at = m.node_point
-        contact.place_eil(potential.split, m.point_nodes, start.eil, c.before, c.after, at, x, u)
+        contact.place_eil(potential.interpolated, m.point_nodes, c.before, c.after, at, x, u)
         start.velocity = inertia.new_velocity(c.node, c.before, c.after, m.node_yarn, m.density, h, potential.corner_force,
                                               start.velocity, start.x[at], start.u, x[at], u)
         start.x_rate, start.u_rate = (x - start.x) / h, (u - start.u) / h
@@ -131,21 +117,17 @@ class YarnStepper:
         potential.internal(x, u)
         normal_force.normal_forces(
             m.point_kind, m.point_nodes, m.side, start.active, start.eil, c.before, c.after, at, m.node_yarn, m.radius,
-            m.rest_segment, m.bending_stiffness, m.stretch_stiffness, potential.constraint_stiffness, potential.by_node,
-            potential.gap, x, u, start.normal_force)
-        pulling = start.normal_force < -s.separation_force
+            m.rest_segment, m.bending_stiffness, m.stretch_stiffness, potential.by_node, potential.constraint_force(), x, u,
+            start.normal_force)
+        pulling = start.normal_force < -s.separation_force * self.weight
         start.pulling_steps = np.where(pulling, start.pulling_steps + 1, 0)
-        radius = m.radius[m.node_yarn[m.point_nodes[:, 0]]]
-        if len(potential.split):
-            gap = np.linalg.norm(potential.gap[potential.split], axis=1)
-            report.contact_gap = float((gap / radius[potential.split]).max())
         if len(potential.touching):
             o = self.obstacles
             deepest = obstacle_contact.settle(
                 potential.touching, o.kind, o.centre, o.rotation, o.size, o.friction, potential.obstacle_distance,
                 potential.obstacle_stiffness, x, start.obstacle_anchor, start.obstacle_force,
                 potential.state.obstacle_force.copy())
-            report.penetration = deepest / float(radius[potential.touching].min())
+            report.penetration = deepest / float(self.radius[potential.touching].min())
 
         start.x, start.u = x, u
         ended = parted(m, start, s.separation_steps)

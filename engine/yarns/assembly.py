@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from engine.arrays import Floats, Ints
+from engine.yarns import normal_force
 from engine.yarns.model import PointKind, YarnModel, YarnState
+from engine.yarns.topology import chain_of
 
 
 @dataclass(frozen=True)
@@ -153,6 +155,7 @@ class YarnAssembly:
             anchor=u.copy(), normal_force=np.zeros(points), pulling_steps=np.zeros(points, np.int64),
             obstacle_anchor=x.copy(), obstacle_force=np.zeros(points),
         )
+        state.normal_force = normal_force.at_rest(model, state, chain_of(model, state.order, state.eil, state.active))
         return model, state
 
     def _tangents(self, x, u, node_start):

@@ -7,9 +7,9 @@ columns of cancelled coordinates stay as identity and the system keeps its size 
 import numpy as np
 from numba import njit
 
-from engine.arrays import Floats
+from engine.arrays import Flags, Floats
 from engine.linalg.block_matrix import BLOCK
-from engine.yarns.model import YarnModel, YarnState
+from engine.yarns.model import PointKind, YarnModel, YarnState
 
 
 def projectors(model: YarnModel, state: YarnState) -> Floats:
@@ -17,12 +17,21 @@ def projectors(model: YarnModel, state: YarnState) -> Floats:
     s = np.zeros((model.point_count, BLOCK, BLOCK))
     first, second = model.point_nodes.T
     paired = second >= 0
-    only_eil = state.eil[first] & paired & state.eil[second]
     s[:, :3, :3] = model.free_directions
-    s[only_eil | ~state.active, :3, :3] = 0.0
+    s[interpolated(model, state) | ~state.active, :3, :3] = 0.0
     s[:, 3, 3] = state.active & ~model.u_fixed[first]
     s[paired, 4, 4] = (state.active & ~model.u_fixed[second])[paired]
     return s
+
+
+def interpolated(model: YarnModel, state: YarnState) -> Flags:
+    """Return the points whose x is no unknown because all their nodes are EIL, shape [P].
+
+    One EIL node alone leaves x to its partner: the other yarn, an eyelet, an edge. A discretisation point has none.
+    """
+    first, second = model.point_nodes.T
+    alone = model.point_kind == PointKind.LAGRANGIAN
+    return state.eil[first] & (alone | ((second >= 0) & state.eil[second]))
 
 
 @njit(cache=True)

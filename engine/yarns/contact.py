@@ -1,8 +1,11 @@
 """The contact constraint at EIL nodes, as a soft one (Sánchez-Banderas 2020, secs. 3.3 and 4.2).
 
 An EIL node b between its EoL neighbours a and c stands at X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a).
-With g = X - X_partner the energy is k_c |g|^2 / 2; the partner is the EoL node or the fixed object at the same point, or
+With g = X - X_partner the energy is m.g + k_c |g|^2 / 2; the partner is the EoL node or the fixed object at the same point, or
 another EIL node. The force on X reaches the free coordinates through the Jacobian of the interpolation.
+
+k_c makes the linear systems hard when it is large. So it is moderate, and where the gap that is left exceeds its
+tolerance the multiplier m takes over the force, m <- m + k_c g, and Newton goes on (augmented Lagrangian).
 """
 
 import numpy as np
@@ -12,15 +15,15 @@ from engine.linalg.block_matrix import BLOCK, locate
 
 
 @njit(cache=True)
-def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness, x, u, gradient, gap):
+def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness, multiplier, x, u, gradient, gap):
     """Add the gradient to `gradient` [N, 4], write g to `gap` [P, 3] and return the energy [J].
 
-    `points` are the points with at least one EIL node; `stiffness` is k_c of every point. A partner that is EoL takes
+    `points` are the points with at least one EIL node; `stiffness` [P] is k_c, `multiplier` [P, 3] is m [N]. A partner that is EoL takes
     its share on its own node, a fixed object on the EIL node's: both end up on the point.
     """
     energy = 0.0
-    place = np.empty((2, 3))
-    w = np.empty((2, 3))
+    place, w = np.empty((2, 3)), np.empty((2, 3))
+    force = np.empty(3)
     for p in points:
         n0, n1 = point_nodes[p, 0], point_nodes[p, 1]
         e0, e1 = eil[n0], n1 >= 0 and eil[n1]
@@ -33,15 +36,16 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
                     place[side, k] = x[p, k]
         for k in range(3):
             gap[p, k] = place[0, k] - place[1, k]
-            energy += 0.5 * stiffness[p] * gap[p, k] * gap[p, k]
+            force[k] = multiplier[p, k] + stiffness[p] * gap[p, k]
+            energy += (multiplier[p, k] + 0.5 * stiffness[p] * gap[p, k]) * gap[p, k]
         for side in range(2):
-            sign = stiffness[p] if side == 0 else -stiffness[p]
+            sign = 1.0 if side == 0 else -1.0
             if (e0 if side == 0 else e1):
                 n = n0 if side == 0 else n1
                 a, c = before[n], after[n]
                 s = (u[n] - u[a]) / (u[c] - u[a])
                 for k in range(3):
-                    f = sign * gap[p, k]
+                    f = sign * force[k]
                     gradient[a, k] += (1.0 - s) * f
                     gradient[c, k] += s * f
                     gradient[a, 3] -= (1.0 - s) * f * w[side, k]
@@ -50,15 +54,15 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
             else:
                 n = n1 if side == 1 and n1 >= 0 else n0
                 for k in range(3):
-                    gradient[n, k] += sign * gap[p, k]
+                    gradient[n, k] += sign * force[k]
     return energy
 
 
 @njit(cache=True)
 def add_hessian(
-    points, point_nodes, eil, before, after, node_point, node_slot, stiffness, x, u, convex, start, column, block
+    points, point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier, x, u, convex, start, column, block
 ):
-    """Add k_c J^T J and, unless `convex`, k_c g.d2X; J is the Jacobian of g in the unknowns of up to five points."""
+    """Add k_c J^T J and, unless `convex`, (m + k_c g).d2X; J is the Jacobian of g in the unknowns of up to five points."""
     jacobian = np.empty((5, 3, BLOCK))
     point = np.empty(5, np.int64)
     place, w = np.empty((2, 3)), np.empty((2, 3))
@@ -100,7 +104,7 @@ def add_hessian(
             if n >= 0 and eil[n] and not convex:
                 sign = 1.0 if side == 0 else -1.0
                 for k in range(3):
-                    force[k] = sign * stiffness[p] * (place[0, k] - place[1, k])
+                    force[k] = sign * (multiplier[p, k] + stiffness[p] * (place[0, k] - place[1, k]))
                 _add_curvature(n, before[n], after[n], force, w[side], node_point, node_slot, u, start, column, block)
 
 
@@ -136,18 +140,17 @@ def _add_curvature(b, a, c, force, w, node_point, node_slot, u, start, column, b
 
 
 @njit(cache=True)
-def place_eil(points, point_nodes, eil, before, after, node_point, x, u):
-    """Move the cancelled x of points with EIL nodes only to the middle of what their yarns interpolate there."""
+def place_eil(points, point_nodes, before, after, node_point, x, u):
+    """Move the cancelled x of `points`, which have EIL nodes only, to the middle of what their yarns interpolate there."""
     place, w = np.empty(3), np.empty(3)
     for p in points:
-        n0, n1 = point_nodes[p, 0], point_nodes[p, 1]
-        if eil[n0] and n1 >= 0 and eil[n1]:
-            x[p] = 0.0
-            for side in range(2):
-                n = point_nodes[p, side]
+        x[p] = 0.0
+        share = 1.0 if point_nodes[p, 1] < 0 else 0.5
+        for n in point_nodes[p]:
+            if n >= 0:
                 _interpolate(before[n], after[n], n, node_point, x, u, place, w)
                 for k in range(3):
-                    x[p, k] += 0.5 * place[k]
+                    x[p, k] += share * place[k]
 
 
 @njit(cache=True)

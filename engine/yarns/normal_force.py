@@ -8,7 +8,9 @@ constraint's spring force, at an eyelet or an edge the reaction across the yarn.
 import numpy as np
 from numba import njit
 
-from engine.yarns.model import PointKind
+from engine.arrays import Floats
+from engine.yarns.model import PointKind, YarnModel, YarnState
+from engine.yarns.topology import Chain
 
 CROSSING, CONTACT, STITCH = int(PointKind.CROSSING), int(PointKind.CONTACT), int(PointKind.STITCH)
 EYELET, EDGE = int(PointKind.EYELET), int(PointKind.EDGE)
@@ -17,11 +19,11 @@ EYELET, EDGE = int(PointKind.EYELET), int(PointKind.EDGE)
 @njit(cache=True)
 def normal_forces(
     point_kind, point_nodes, side, active, eil, before, after, node_point, node_yarn,
-    radius, rest_segment, bending_stiffness, stretch_stiffness, constraint_stiffness, gradient, gap, x, u, force,
+    radius, rest_segment, bending_stiffness, stretch_stiffness, gradient, constraint_force, x, u, force,
 ):
     """Write F_n [N] of every point to `force` [P]: positive where yarns press, negative where they pull.
 
-    `gradient` [N, 4] is that of the incremental potential without friction, `gap` [P, 3] the constraint's.
+    `gradient` [N, 4] is that of the incremental potential without friction, `constraint_force` [P, 3] that at EIL nodes.
     """
     t0, t1, n = np.empty(3), np.empty(3), np.empty(3)
     for p in range(len(force)):
@@ -48,7 +50,7 @@ def normal_forces(
             if length > 1e-12:
                 for k in range(3):
                     pressing = (
-                        constraint_stiffness[p] * gap[p, k] if eil[i] or eil[j]
+                        constraint_force[p, k] if eil[i] or eil[j]
                         else 0.5 * (gradient[j, k] - gradient[i, k])
                     )
                     force[p] += pressing * n[k] / length
@@ -60,11 +62,14 @@ def normal_forces(
                     force[p] += 0.5 * _crimp_force(offset, rest_segment[y], bending_stiffness[y], tension)
 
 
-def initial_normal_forces(model, state, chain):
-    """Return F_n of every point for yarns at rest: the crimp's part alone [N]."""
-    n=(model.node_count, 4)
-    force=np.zeros(model.point_count)
-    normal_forces(model.point_kind, model.point_nodes, model.side, state.active, state.eil, chain.before, chain.after, model.node_point, model.node_yarn, model.radius, model.rest_segment, model.bending_stiffness, model.stretch_stiffness, np.zeros(model.point_count), np.zeros(n), np.zeros((model.point_count,3)), state.x, state.u, force)
+def at_rest(model: YarnModel, state: YarnState, chain: Chain) -> Floats:
+    """Return F_n of every point before the first step, when only crimp presses yarns together, shape [P] [N]."""
+    force = np.zeros(model.point_count)
+    normal_forces(
+        model.point_kind, model.point_nodes, model.side, state.active, state.eil, chain.before, chain.after,
+        model.node_point, model.node_yarn, model.radius, model.rest_segment, model.bending_stiffness,
+        model.stretch_stiffness, np.zeros((model.node_count, 4)),
+        np.zeros((model.point_count, 3)), state.x, state.u, force)
     return force
 
 

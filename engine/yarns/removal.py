@@ -7,14 +7,14 @@ from engine.yarns import inertia
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.topology import chain_of
 
-SLIDING_KINDS = (PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE)
+SLIDING_KINDS = (PointKind.CROSSING, PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE)
 
 
 def parted(model: YarnModel, state: YarnState, separation_steps: int) -> Ints:
     """Return the points that have lost their contact.
 
-    A contact between fabrics ends after `separation_steps` successive steps of pulling; that, an eyelet and an edge also
-    end where u has left the yarn. Crossings within a fabric and stitches never end.
+    A contact between fabrics ends after `separation_steps` successive steps of pulling. Every sliding point ends where u
+    has left the yarn; so does a crossing within a fabric, which then unravels.
     """
     first, second = model.point_nodes.T
     off_the_end = _outside(model, state, first) | ((second >= 0) & _outside(model, state, second))

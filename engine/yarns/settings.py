@@ -9,6 +9,7 @@ class YarnSettings:
 
     safety_distance: float = 0.1  # EoL nodes keep this far apart, in rest segments (Sánchez-Banderas 2020, sec. 4.1)
     constraint_factor: float = 100.0  # k_c of EIL contacts over k_s / rest segment (sec. 4.2 uses 1000)
+    gap_tolerance: float = 5e-4  # gap of EIL contacts that is left, in yarn radii
     friction_factor: float = 0.1  # stiffness of friction anchors over k_s / rest segment
     obstacle_factor: float = 1.0  # stiffness of obstacle contact over k_s / rest segment
     tolerance: float = 1e-3  # residual force that ends Newton, relative to the force scale of the step
@@ -19,4 +20,4 @@ class YarnSettings:
     eil: bool = True  # replace offending EoL nodes; off only to show what then fails
     optimal_transition: bool = False  # move u at transitions as Appendix A of Sánchez-Banderas 2020 says
     separation_steps: int = 3  # successive pulling steps after which a contact between fabrics is removed
-    separation_force: float = 0.0  # pull that counts as pulling [N]
+    separation_force: float = 1.0  # pull that counts as pulling, in weights of a rest segment

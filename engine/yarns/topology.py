@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from engine.arrays import Flags, Ints
-from engine.yarns.model import YarnModel, YarnState
+from engine.yarns.model import PointKind, YarnModel, YarnState
 
 
 @dataclass
@@ -23,10 +23,23 @@ def assign(model: YarnModel, state: YarnState, safety_distance: float, h: float)
     """Sort the nodes of every yarn by u and choose the EIL nodes; writes `state.order` and `state.eil`.
 
     `safety_distance` is in rest segments. Two nodes that close in on each other count as nearer by what they will
-    travel within the step `h` [s], so that they do not pass each other as EoL nodes.
+    travel within the step `h` [s], so that they do not pass each other as EoL nodes. Beyond the paper, a discretisation
+    point that nothing holds gives way to a contact that comes close: it rests on the segment until the contact has passed.
     """
-    _assign(model.node_start, model.rest_segment, model.kinematic, model.node_point, model.u_fixed,
-            state.active, state.u, state.u_rate, h, safety_distance, state.order, state.eil)
+    _assign(model.node_start, model.rest_segment, model.kinematic, model.node_point, standing(model), state.active, state.u, state.u_rate, h, safety_distance, state.order, state.eil)
+
+
+def standing(model: YarnModel) -> Ints:
+    """Return which node gives way to which when two come close, shape [N].
+
+    2: a fixed coordinate that must stay (an end, a pin, a stitch); 1: a contact; 0: a point that only discretises.
+    """
+    inside = np.ones(model.node_count, np.bool_)
+    inside[model.node_start[:-1]] = False
+    inside[model.node_start[1:] - 1] = False
+    free = (model.free_directions == np.eye(3)).all(axis=(1, 2)) & (model.point_kind == PointKind.LAGRANGIAN)
+    gives_way = inside & free[model.node_point] & ~model.kinematic[model.node_yarn]
+    return np.where(gives_way, 0, np.where(model.u_fixed, 2, 1))
 
 
 def chain_of(model: YarnModel, order: Ints, eil: Flags, active: Flags) -> Chain:
@@ -40,7 +53,7 @@ def chain_of(model: YarnModel, order: Ints, eil: Flags, active: Flags) -> Chain:
 
 
 @njit(cache=True)
-def _assign(node_start, rest_segment, kinematic, node_point, u_fixed, active, u, u_rate, h, safety_distance, order, eil):
+def _assign(node_start, rest_segment, kinematic, node_point, standing, active, u, u_rate, h, safety_distance, order, eil):
     for y in range(len(rest_segment)):
         nodes = order[node_start[y] : node_start[y + 1]]
         for a in range(1, len(nodes)):  # insertion sort: stable, and linear on what is nearly sorted
@@ -58,13 +71,13 @@ def _assign(node_start, rest_segment, kinematic, node_point, u_fixed, active, u,
             if not active[node_point[node]]:
                 continue
             if kinematic[y]:
-                eil[node] = not u_fixed[node]
+                eil[node] = standing[node] < 2
                 continue
             while last >= 0 and _apart(u, u_rate, nodes[last], node, h) < distance:
-                if not u_fixed[node]:
+                if standing[node] < 2 and standing[node] <= standing[nodes[last]]:
                     eil[node] = True
                     break
-                if u_fixed[nodes[last]]:
+                if standing[nodes[last]] == 2:
                     break
                 eil[nodes[last]] = True
                 last = _previous_eol(nodes, last, eil, active, node_point)
