@@ -23,6 +23,7 @@ Paint = Literal["fabric", "strain"]
 FABRIC_COLOURS = np.array(
     [(0, 150, 106), (240, 166, 20), (66, 140, 214), (204, 121, 167), (213, 106, 40), (230, 220, 110)], np.uint8
 )
+DARKER = 0.78
 SINGLE_YARN_COLOUR = np.array((196, 178, 150), np.uint8)
 
 # Node colours of the paper's Fig. 1; Lagrangian nodes, which it does not draw, are blue.
@@ -50,7 +51,7 @@ FILL = 1.0  # distance of the eye against that at which the ball around the scen
 OBSTACLE_REACH = 1.0  # an obstacle is framed if its half diagonal is below this many diagonals of the yarns' box
 
 # Strain runs from compressed to stretched through a pale middle (ColorBrewer's RdBu, safe for colour-blind eyes).
-STRAIN_LIMIT = 0.02
+STRAIN_LIMIT = 0.002
 _STRAIN_STOPS = np.linspace(-STRAIN_LIMIT, STRAIN_LIMIT, 5)
 _STRAIN_COLOURS = np.array([(33, 102, 172), (146, 197, 222), (247, 247, 247), (244, 165, 130), (178, 24, 43)], float)
 
@@ -76,6 +77,11 @@ class Points:
 def fabric_colours(fabric: NDArray[np.int64]) -> Bytes:
     """Return one colour per yarn from the fabric it belongs to (-1: a single yarn), shape [Y, 3]."""
     return np.where((fabric < 0)[:, None], SINGLE_YARN_COLOUR, FABRIC_COLOURS[fabric % len(FABRIC_COLOURS)])
+
+
+def told_apart(colours: Bytes) -> Bytes:
+    """Return the colours of yarns with every other one darker, for displays that do not shade lines."""
+    return np.where((np.arange(len(colours)) % 2 == 1)[:, None], colours * DARKER, colours).astype(np.uint8)
 
 
 def strain_colours(strain: NDArray[np.float64]) -> Bytes:

@@ -104,8 +104,8 @@ def legend_html(paint: Paint) -> str:
         stops = ",".join(_css(tuple(c)) for c in layers.strain_colours(np.linspace(-limit, limit, 9)).tolist())
         rows.append(
             f'<div style="margin:.5em .5em 0"><div style="height:.7em;background:linear-gradient(90deg,{stops})"></div>'
-            f'<div style="display:flex;justify-content:space-between"><span>−{limit:.0%}</span><span>0</span>'
-            f"<span>+{limit:.0%}</span></div></div>"
+            f'<div style="display:flex;justify-content:space-between"><span>−{limit:.1%}</span><span>0</span>'
+            f"<span>+{limit:.1%}</span></div></div>"
         )
     return f'<div style="font-size:.8em;line-height:1.6;padding:.2em .4em">{"".join(rows)}</div>'
 

@@ -35,6 +35,7 @@ PLOTS = {
     "Contacts": ("eol_intra", "eol_inter", "eil"),
     "Energy [J]": ("kinetic_energy", "potential_energy"),
 }
+NEARER = 0.65  # Rerun's eye sees a wider field than the live page's
 BACKGROUND = (238, 236, 232)
 log = logging.getLogger(__name__)
 
@@ -153,7 +154,7 @@ def strips(positions: Floats, offsets: Ints) -> pyarrow.ListArray:
 
 def log_looks(stream: rr.RecordingStream, yarns: YarnFrame) -> None:
     """Log what never changes about yarns, colour and thickness, once."""
-    colours = layers.fabric_colours(yarns.fabric)
+    colours = layers.told_apart(layers.fabric_colours(yarns.fabric))
     for path, thickness in ((CLOTH, 1.0), (f"{NODES}/lines", layers.LINE_SCALE)):
         looks = rr.LineStrips3D.from_fields(colors=colours, radii=thickness * yarns.radius)
         stream.log(path, looks, static=True)
@@ -167,6 +168,7 @@ def obstacle(mesh: shapes.Mesh) -> rr.Mesh3D:
 def blueprint(low: Floats, high: Floats) -> rrb.Blueprint:
     """Return the layout of the page: the cloth, its discretisation in a second tab, plots beside them."""
     position, target = layers.viewpoint(low, high)
+    position = target + NEARER * (position - target)
     eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=(0, 0, 1))
     views = (
         rrb.Spatial3DView(

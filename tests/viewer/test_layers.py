@@ -33,6 +33,11 @@ def test_fabrics_have_distinct_colours_green_lowest(yarns):
     assert len(np.unique(layers.fabric_colours(np.arange(-1, 6)), axis=0)) == 7
 
 
+def test_every_other_yarn_is_darker_where_lines_are_not_shaded():
+    told = layers.told_apart(np.full((4, 3), 100, np.uint8))
+    assert told[:, 0].tolist() == [100, 78, 100, 78]
+
+
 def test_strain_colours_are_pale_at_rest_and_saturate():
     limit = layers.STRAIN_LIMIT
     compressed, rest, stretched, beyond = layers.strain_colours(np.array([-limit, 0.0, limit, 10 * limit])).tolist()
