@@ -55,6 +55,7 @@ class IncrementalPotential:
         self.by_node = np.zeros((model.node_count, 4))
         self.gap = np.zeros((model.point_count, 3))
         self.multiplier = np.zeros((model.point_count, 3))
+        self.multiplier[self.split] = state.contact_force[self.split]
 
     def _touching(self) -> Ints:
         """Points that may touch obstacles: those whose x moves with one fabric's material."""
@@ -95,9 +96,16 @@ class IncrementalPotential:
         constraints.project_gradient(self.constrained_points, self.projector, gradient)
         return energy, gradient
 
-    def constraint_force(self) -> Floats:
-        """Return m + k_c g of the last evaluation, shape [P, 3] [N]."""
-        return self.multiplier + self.constraint_stiffness[:, None] * self.gap
+    def contact_force(self) -> Floats:
+        """Return the force between both sides of every point, at the last evaluation of `internal`, shape [P, 3] [N].
+
+        At EIL nodes it is the constraint's m + k_c g; at shared points what one yarn's own equation of motion lacks.
+        """
+        first, second = self.model.point_nodes.T
+        on_first, on_second = self.by_node[first, :3], self.by_node[second, :3]
+        force = np.where((second >= 0)[:, None], 0.5 * (on_second - on_first), -on_first)
+        force[self.split] = self.multiplier[self.split] + self.constraint_stiffness[self.split, None] * self.gap[self.split]
+        return force
 
     def elimination_order(self) -> Ints:
         """Return all points, those with only EIL nodes first.

@@ -40,7 +40,7 @@ class YarnStepper:
         system = NewtonSystem(potential, self.settings, watch)
         watch.lap("assign")
 
-        x, u = self.extrapolate(start, chain, time, h)
+        x, u = self.extrapolate(start, potential, time, h)
         energy, gradient = potential.gradient(x, u)
         watch.lap("assemble")
         while True:
@@ -48,7 +48,7 @@ class YarnStepper:
             if report.residual <= self.settings.tolerance:
                 if report.contact_gap <= self.settings.gap_tolerance:
                     break
-                potential.multiplier = potential.constraint_force()
+                potential.multiplier = potential.contact_force()
                 energy, gradient = potential.gradient(x, u)
             if report.newton_iterations == self.settings.max_newton:
                 return rejected(report, watch, "Newton did not converge")
@@ -80,15 +80,18 @@ class YarnStepper:
             state.velocity = inertia.project(old, state.u, state.velocity, new, state.u)
         return new
 
-    def extrapolate(self, start: YarnState, chain: Chain, time: float, h: float) -> tuple[Floats, Floats]:
+    def extrapolate(
+        self, start: YarnState, potential: IncrementalPotential, time: float, h: float
+    ) -> tuple[Floats, Floats]:
         """Return the first guess of (x, u): the last rates go on, handles carry their pinned points."""
-        x = start.x + h * np.einsum("pij,pj->pi", self.model.free_directions, start.x_rate)
+        x = start.x + h * np.einsum("pij,pj->pi", potential.projector[:, :3, :3], start.x_rate)
         held = self.model.handle >= 0
         if held.any():
             motion = self.handles.offsets(time + h) - self.handles.offsets(time)
             x[held] = start.x[held] + motion[self.model.handle[held]]
-        du = np.where(self.model.u_fixed | ~start.active[self.model.node_point], 0.0, h * start.u_rate)
-        return x, start.u + longest_update(chain, start.u, du) * du
+        du = np.zeros(self.model.node_count)
+        du[potential.sliding] = h * start.u_rate[potential.sliding]
+        return x, start.u + longest_update(potential.chain, start.u, du) * du
 
     def measure(
         self, report: StepReport, potential: IncrementalPotential, gradient: Floats, x: Floats, u: Floats
@@ -115,9 +118,10 @@ class YarnStepper:
 
         friction.drag_anchors(potential.sliding, potential.friction_stiffness, potential.friction_limit, u, start.anchor)
         potential.internal(x, u)
+        start.contact_force = potential.contact_force()
         normal_force.normal_forces(
-            m.point_kind, m.point_nodes, m.side, start.active, start.eil, c.before, c.after, at, m.node_yarn, m.radius,
-            m.rest_segment, m.bending_stiffness, m.stretch_stiffness, potential.by_node, potential.constraint_force(), x, u,
+            m.point_kind, m.point_nodes, m.side, start.active, c.before, c.after, at, m.node_yarn, m.radius,
+            m.rest_segment, m.bending_stiffness, m.stretch_stiffness, start.contact_force, x, u,
             start.normal_force)
         pulling = start.normal_force < -s.separation_force * self.weight
         start.pulling_steps = np.where(pulling, start.pulling_steps + 1, 0)

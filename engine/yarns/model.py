@@ -95,6 +95,7 @@ class YarnState:
     active: Flags  # point has not been removed, shape [P]
     anchor: Floats  # friction anchor of each node [m], shape [N]
     normal_force: Floats  # F_n at points, of the last step; negative where yarns pull [N], shape [P]
+    contact_force: Floats  # force between the two sides of each point in the last step [N], shape [P, 3]
     pulling_steps: Ints  # successive steps in which a contact pulled, shape [P]
     obstacle_anchor: Floats  # friction anchor of x on an obstacle [m], shape [P, 3]
     obstacle_force: Floats  # normal force of obstacles in the last step [N], shape [P]

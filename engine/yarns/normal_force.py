@@ -18,12 +18,12 @@ EYELET, EDGE = int(PointKind.EYELET), int(PointKind.EDGE)
 
 @njit(cache=True)
 def normal_forces(
-    point_kind, point_nodes, side, active, eil, before, after, node_point, node_yarn,
-    radius, rest_segment, bending_stiffness, stretch_stiffness, gradient, constraint_force, x, u, force,
+    point_kind, point_nodes, side, active, before, after, node_point, node_yarn,
+    radius, rest_segment, bending_stiffness, stretch_stiffness, contact_force, x, u, force,
 ):
     """Write F_n [N] of every point to `force` [P]: positive where yarns press, negative where they pull.
 
-    `gradient` [N, 4] is that of the incremental potential without friction, `constraint_force` [P, 3] that at EIL nodes.
+    `contact_force` [P, 3] is what the first yarn of a point exerts on the second, or on the object there.
     """
     t0, t1, n = np.empty(3), np.empty(3), np.empty(3)
     for p in range(len(force)):
@@ -36,8 +36,8 @@ def normal_forces(
             _tangent(i, before, after, node_point, x, u, t0)
             along = square = 0.0
             for k in range(3):
-                along += gradient[i, k] * t0[k]
-                square += gradient[i, k] ** 2
+                along += contact_force[p, k] * t0[k]
+                square += contact_force[p, k] ** 2
             force[p] = np.sqrt(max(square - along * along, 0.0))
         elif kind == CROSSING or kind == CONTACT:
             _tangent(i, before, after, node_point, x, u, t0)
@@ -49,11 +49,7 @@ def normal_forces(
             length = np.sqrt(length)
             if length > 1e-12:
                 for k in range(3):
-                    pressing = (
-                        constraint_force[p, k] if eil[i] or eil[j]
-                        else 0.5 * (gradient[j, k] - gradient[i, k])
-                    )
-                    force[p] += pressing * n[k] / length
+                    force[p] += contact_force[p, k] * n[k] / length
             if kind == CROSSING:
                 offset = radius[node_yarn[i]] + radius[node_yarn[j]]
                 for m in (i, j):
@@ -66,10 +62,9 @@ def at_rest(model: YarnModel, state: YarnState, chain: Chain) -> Floats:
     """Return F_n of every point before the first step, when only crimp presses yarns together, shape [P] [N]."""
     force = np.zeros(model.point_count)
     normal_forces(
-        model.point_kind, model.point_nodes, model.side, state.active, state.eil, chain.before, chain.after,
+        model.point_kind, model.point_nodes, model.side, state.active, chain.before, chain.after,
         model.node_point, model.node_yarn, model.radius, model.rest_segment, model.bending_stiffness,
-        model.stretch_stiffness, np.zeros((model.node_count, 4)),
-        np.zeros((model.point_count, 3)), state.x, state.u, force)
+        model.stretch_stiffness, state.contact_force, state.x, state.u, force)
     return force
 
 
