@@ -1,0 +1,166 @@
+"""The registry of energies of a step: how to silence each, and what its Hessian deliberately leaves out.
+
+What is left out makes a Hessian cheaper and steadier to have, never a step wrong: Newton still ends where the gradient
+vanishes. `left_out` states it in full, so that Hessian plus `left_out` is the derivative of the gradient.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from engine.arrays import Floats
+from engine.geometry.signed_distance import signed_distance
+from engine.linalg.block_matrix import BLOCK
+from engine.steppers.incremental_potential import IncrementalPotential
+from engine.yarns.topology import Chain
+from tests.engine.linalg.dense import dense
+from tests.engine.yarns.stacks import positions_of
+
+NONE = np.zeros(0, np.int64)
+
+
+@dataclass(frozen=True)
+class Term:
+    """One energy of the incremental potential."""
+
+    name: str
+    silence: Callable[[IncrementalPotential], None]  # takes the energy out of a potential
+    left_out: Callable[[IncrementalPotential, Floats, Floats, Floats], None] | None = None  # adds to the full matrix
+    internal: bool = False  # exerts no force on the yarns as a whole
+
+
+def unconstrained(potential: IncrementalPotential) -> IncrementalPotential:
+    """Return the potential with every unknown free, also those that are pinned, fixed or interpolated."""
+    potential.projector = np.broadcast_to(np.eye(BLOCK), potential.projector.shape).copy()
+    potential.constrained = np.zeros(len(potential.constrained), np.bool_)
+    potential.constrained_points = NONE
+    return potential
+
+
+def alone(term: Term, potential: IncrementalPotential) -> IncrementalPotential:
+    """Return the potential with one energy only and every unknown free."""
+    for other in TERMS:
+        if other is not term:
+            other.silence(potential)
+    return unconstrained(potential)
+
+
+def full_hessian(potential: IncrementalPotential, x: Floats, u: Floats, convex: bool) -> Floats:
+    """Return the Hessian as a full matrix."""
+    matrix = potential.pattern()
+    potential.hessian(x, u, convex, matrix)
+    return dense(matrix)
+
+
+def left_out_of_hessian(term: Term, potential: IncrementalPotential, x: Floats, u: Floats) -> Floats:
+    """Return what is missing in the Hessian of one energy, as a full matrix."""
+    full = np.zeros((BLOCK * potential.model.point_count,) * 2)
+    if term.left_out is not None:
+        term.left_out(potential, x, u, full)
+    return full
+
+
+def without_mass(p):
+    p.model = replace(p.model, density=0.0 * p.model.density)
+    p.corner_force = 0.0 * p.corner_force
+
+
+def without_stretch(p):
+    p.model = replace(p.model, stretch_stiffness=0.0 * p.model.stretch_stiffness)
+
+
+def without_bending(p):
+    p.model = replace(p.model, bending_stiffness=0.0 * p.model.bending_stiffness)
+
+
+def without_contact(p):
+    p.split = NONE
+
+
+def without_friction(p):
+    p.sliding = NONE
+
+
+def without_obstacles(p):
+    p.touching = NONE
+
+
+def change_of_mass(p, x, u, full):
+    """I = rho Du S / (6 h^2): the Hessian takes the mass rho Du of a segment as constant; S is of order h^4."""
+    m = p.model
+    for i, j in segments(p.chain):
+        y = m.node_yarn[i]
+        if m.kinematic[y]:
+            continue
+        ends = p.prediction[i, 1], p.prediction[j, 0]
+        slope = (ends[1] - ends[0]) / (p.u0[j] - p.u0[i])
+        r0, r1 = (x[m.node_point[n]] - end - (u[n] - p.u0[n]) * slope for n, end in zip((i, j), ends, strict=True))
+        of_r = np.column_stack([np.eye(3), -slope])
+        of_s = np.concatenate([(2.0 * r0 + r1) @ of_r, (r0 + 2.0 * r1) @ of_r])
+        of_du = np.array([0.0, 0, 0, -1, 0, 0, 0, 1])
+        mixed = m.density[y] / (6.0 * p.h**2) * np.outer(of_du, of_s)
+        full[np.ix_(*[positions_of(m, i, j)] * 2)] += mixed + mixed.T
+
+
+def turning_of_damping(p, x, u, full):
+    """V = c (lambda - lambda0)^2 / 2: the Hessian is c (grad lambda)^2, the form of Gauss and Newton."""
+    m = p.model
+    for i, j in segments(p.chain):
+        y = m.node_yarn[i]
+        e0, e = (at[m.node_point[j]] - at[m.node_point[i]] for at in (p.x0, x))
+        l0, length, du0, du = np.linalg.norm(e0), np.linalg.norm(e), p.u0[j] - p.u0[i], u[j] - u[i]
+        second = np.empty((4, 4))  # of lambda = l / Du in the edge and Du
+        second[:3, :3] = (np.eye(3) - np.outer(e, e) / length**2) / (length * du)
+        second[:3, 3] = second[3, :3] = -e / (length * du**2)
+        second[3, 3] = 2.0 * length / du**3
+        force = m.stretch_damping[y] * m.stretch_stiffness[y] * du0 / p.h * (length / du - l0 / du0)
+        full[np.ix_(*[positions_of(m, i, j)] * 2)] += force * np.kron([[1.0, -1.0], [-1.0, 1.0]], second)
+
+
+def buckling_across(p, x, u, full):
+    """Tilts of both segments of a bend across its plane, the same way: - F (1 - cos theta) (alpha + beta)^2 / 4."""
+    m, c = p.model, p.chain
+    for i in c.node:
+        a, b = c.before[i], c.after[i]
+        if a < 0 or b < 0:
+            continue
+        xa, xi, xb = x[m.node_point[[a, i, b]]]
+        la, lb = np.linalg.norm(xi - xa), np.linalg.norm(xb - xi)
+        cross = np.cross((xi - xa) / la, (xb - xi) / lb)
+        cosine, sine = (xi - xa) @ (xb - xi) / (la * lb), np.linalg.norm(cross)
+        f = 2.0 * m.bending_stiffness[m.node_yarn[i]] * np.arctan2(sine, cosine) / (sine * (u[b] - u[a]))
+        tilt = np.kron([-1.0 / la, 1.0 / la - 1.0 / lb, 1.0 / lb], np.append(cross / sine, 0.0))  # alpha + beta
+        full[np.ix_(*[positions_of(m, a, i, b)] * 2)] -= 0.5 * f * (1.0 - cosine) * np.outer(tilt, tilt)
+
+
+def curvature_of_obstacles(p, x, u, full):
+    """V = k depth^2 / 2, depth = distance - sdf: the Hessian is k (grad depth)^2, without the curvature of the sdf."""
+    o, step = p.obstacles, 1e-6
+    before, behind = np.empty(3), np.empty(3)
+    for point in p.touching:
+        for solid in zip(o.kind, o.centre, o.rotation, o.size, strict=True):
+            depth = p.obstacle_distance[point] - signed_distance(*solid, x[point], before)
+            if depth > 0.0:
+                curvature = np.empty((3, 3))
+                for k, e in enumerate(np.eye(3)):
+                    signed_distance(*solid, x[point] - step * e, before)
+                    signed_distance(*solid, x[point] + step * e, behind)
+                    curvature[k] = (behind - before) / (2.0 * step)
+                at = BLOCK * point + np.arange(3)
+                full[np.ix_(at, at)] -= p.obstacle_stiffness[point] * depth * curvature
+
+
+def segments(chain: Chain) -> Iterator[tuple[int, int]]:
+    """Pairs of successive EoL nodes."""
+    return ((i, chain.after[i]) for i in chain.node if chain.after[i] >= 0)
+
+
+TERMS = [
+    Term("inertia", without_mass, left_out=change_of_mass),
+    Term("stretch", without_stretch, left_out=turning_of_damping, internal=True),
+    Term("bending", without_bending, left_out=buckling_across, internal=True),
+    Term("contact", without_contact, internal=True),
+    Term("friction", without_friction),
+    Term("obstacles", without_obstacles, left_out=curvature_of_obstacles),
+]
