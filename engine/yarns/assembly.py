@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from engine.arrays import Floats, Ints
-from engine.yarns import normal_force
 from engine.yarns.model import PointKind, YarnModel, YarnState
-from engine.yarns.topology import chain_of
 
 
 @dataclass(frozen=True)
@@ -156,6 +154,10 @@ class YarnAssembly:
             pulling_steps=np.zeros(points, np.int64),
             obstacle_anchor=x.copy(), obstacle_force=np.zeros(points),
         )
+        # imported here, because reading and checking a scene needs no compiled kernels
+        from engine.yarns import normal_force
+        from engine.yarns.topology import chain_of
+
         state.normal_force = normal_force.at_rest(model, state, chain_of(model, state.order, state.eil, state.active))
         return model, state
 
