@@ -72,6 +72,7 @@ class YarnStepper:
     def assign_nodes(self, state: YarnState, h: float) -> Chain:
         """Choose EoL and EIL nodes, and carry the material velocity over to the new mesh (sec. 4.1)."""
         if not self.settings.eil:
+            state.eil[:] = False
             return chain_of(self.model, state.order, state.eil, state.active)
         old = chain_of(self.model, state.order, state.eil, state.active)
         assign(self.model, state, self.settings.safety_distance, h)

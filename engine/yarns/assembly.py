@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from engine.arrays import Floats, Ints
 from engine.yarns.model import PointKind, YarnModel, YarnState
+from engine.yarns.settings import YarnSettings
 
 
 @dataclass(frozen=True)
@@ -156,8 +157,9 @@ class YarnAssembly:
         )
         # imported here, because reading and checking a scene needs no compiled kernels
         from engine.yarns import normal_force
-        from engine.yarns.topology import chain_of
+        from engine.yarns.topology import assign, chain_of
 
+        assign(model, state, YarnSettings.safety_distance, 0.0)
         state.normal_force = normal_force.at_rest(model, state, chain_of(model, state.order, state.eil, state.active))
         return model, state
 
