@@ -17,8 +17,8 @@ from engine.yarns.topology import Chain
 def settle_switched(model: YarnModel, state: YarnState, was_eil: Flags, chain: Chain, safety_distance: float) -> None:
     """Move u of the nodes that have just changed their status, given the flags from before [N] and the new chain.
 
-    Writes `state.u` and takes the friction anchors along, so that no friction force changes. Nodes that turn EoL stay the
-    `safety_distance` (in rest segments) away from their neighbours in `chain`.
+    Writes `state.u` and takes the friction anchors along, so that no friction force changes. Nodes that turn EoL stay
+    the `safety_distance` (in rest segments) away from their neighbours in `chain`.
     """
     _settle_switched(
         model.node_yarn, model.node_point, model.u_fixed, state.active, was_eil, state.eil, chain.before, chain.after,
