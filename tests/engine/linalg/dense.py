@@ -4,6 +4,7 @@ import numpy as np
 
 from engine.arrays import Floats
 from engine.linalg.block_matrix import BLOCK, BlockMatrix, with_pattern
+from engine.linalg.incomplete_cholesky import IncompleteCholesky, elimination, factorise
 
 
 def dense(a: BlockMatrix) -> Floats:
@@ -21,6 +22,12 @@ def blocked(full: Floats, pairs) -> BlockMatrix:
     row = np.repeat(np.arange(rows), np.diff(a.start))
     a.block[:] = full.reshape(rows, BLOCK, rows, BLOCK)[row, :, a.column]
     return a
+
+
+def factors(a: BlockMatrix, order=None) -> IncompleteCholesky | None:
+    """Return the incomplete factors of `a`, row after row where no `order` of elimination is given."""
+    rows = np.arange(a.rows) if order is None else np.array(order, np.int64)
+    return factorise(a, elimination(a, rows))
 
 
 def chain(rows: int) -> list[tuple[int, int]]:

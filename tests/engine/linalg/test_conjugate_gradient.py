@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from engine.linalg.block_matrix import BLOCK
 from engine.linalg.conjugate_gradient import conjugate_gradient
-from engine.linalg.incomplete_cholesky import factorise
-from tests.engine.linalg.dense import blocked, chain, positive
+from tests.engine.linalg.dense import blocked, chain, factors, positive
 
 GRID = [(i, i + 1) for i in range(11) if i % 4 != 3] + [(i, i + 4) for i in range(8)]  # 3 x 4 points
 
@@ -23,7 +22,7 @@ class Identity:
 def solved(full, b, pairs, preconditioner=None, tolerance=1e-12, most=1000):
     a = blocked(full, pairs)
     x = np.full_like(b, np.nan)
-    return x, *conjugate_gradient(a, b, x, preconditioner or factorise(a), tolerance, most)
+    return x, *conjugate_gradient(a, b, x, preconditioner or factors(a), tolerance, most)
 
 
 @settings(deadline=None, max_examples=30)

@@ -12,7 +12,7 @@ from engine.steppers.incremental_potential import IncrementalPotential
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
-from engine.yarns.topology import Chain, assign, chain_of
+from engine.yarns.topology import Chain, chain_of, standing
 
 H = 0.1
 SETTINGS = YarnSettings(constraint_factor=3.0, friction_factor=0.5, obstacle_factor=2.0, gauge=0.1)
@@ -21,7 +21,6 @@ MATERIAL = YarnMaterial(radius=0.1, density=1.3, stretch_stiffness=2.0, bending_
 GRAVITY = np.array([0.3, -0.2, -1.0])
 NO_OBSTACLES = Obstacles(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
 UP = np.array([0.0, 0.0, 1.0])
-YARN_SHIFT = np.array([[0.0, 0.0], [0.04, 0.35]])  # of one weave on the other: pairs of yarns near and far
 
 
 @dataclass(frozen=True)
@@ -44,15 +43,29 @@ class Stack:
 
 
 def random_stack(seed: int, **material: float) -> Stack:
-    """Two small weaves on each other, rods held in all ways, obstacles below: all perturbed and in motion."""
+    """Two small weaves on each other, rods held in all ways, obstacles below: all perturbed and in motion.
+
+    Every node that may be EIL is so with even chances, whatever the distances.
+    """
     yarns = YarnAssembly()
     material = replace(MATERIAL, **material)
-    _add_weaves(yarns, material)
+    _add_weaves(yarns, material, near=0.2)
     _add_rods(yarns, material)
     model, state = yarns.build()
-    _stir(np.random.default_rng(seed), model, state)
-    assign(model, state, SETTINGS.safety_distance, H)
+    rng = np.random.default_rng(seed)
+    _stir(rng, model, state)
+    state.eil = (standing(model) < 2) & (model.kinematic[model.node_yarn] | (rng.random(model.node_count) < 0.5))
     return Stack(model, state, some_obstacles(), GRAVITY)
+
+
+def free_weaves(seed: int, **material: float) -> Stack:
+    """Two small weaves on each other, held by nothing, each yarn thrown with a velocity of its own; no gravity."""
+    yarns = YarnAssembly()
+    _add_weaves(yarns, replace(MATERIAL, **material), near=0.04, pinned=False)
+    model, state = yarns.build()
+    thrown = np.random.default_rng(seed).normal(scale=0.1, size=(model.yarn_count, 3))
+    state.velocity[:] = thrown[model.node_yarn][:, None]
+    return Stack(model, state, NO_OBSTACLES, np.zeros(3))
 
 
 def perturbed(stack: Stack, seed: int) -> tuple[Floats, Floats]:
@@ -68,7 +81,7 @@ def moved(stack: Stack, rotation: Rotation, shift: Floats) -> Stack:
     model, state, obstacles, turn = stack.model, stack.state.copy(), stack.obstacles, rotation.as_matrix()
     for name in ("x", "obstacle_anchor"):
         setattr(state, name, getattr(state, name) @ turn.T + shift)
-    for name in ("x_rate", "velocity"):
+    for name in ("x_rate", "velocity", "contact_force"):
         setattr(state, name, getattr(state, name) @ turn.T)
     return Stack(
         replace(model, free_directions=turn @ model.free_directions @ turn.T), state,
@@ -76,11 +89,13 @@ def moved(stack: Stack, rotation: Rotation, shift: Floats) -> Stack:
         turn @ stack.gravity)
 
 
-def straight_yarn(u: Floats, kind: PointKind = PointKind.LAGRANGIAN, **material: float) -> tuple[YarnModel, YarnState]:
+def straight_yarn(
+    u: Floats, kind: PointKind = PointKind.LAGRANGIAN, kinematic: bool = False, **material: float
+) -> tuple[YarnModel, YarnState]:
     """Return one unloaded yarn along x with nodes at `u`: free ends and, between them, points of one `kind`."""
     yarns = YarnAssembly()
     u = np.asarray(u, float)
-    yarn = yarns.yarn(replace(MATERIAL, **material), u[-1] - u[0], (u[-1] - u[0]) / (len(u) - 1))
+    yarn = yarns.yarn(replace(MATERIAL, **material), u[-1] - u[0], (u[-1] - u[0]) / (len(u) - 1), kinematic=kinematic)
     place = np.column_stack([u, 0.0 * u, 0.0 * u])
     for i, (at, x) in enumerate(zip(u, place, strict=True)):
         if kind == PointKind.EYELET and 0 < i < len(u) - 1:
@@ -119,17 +134,19 @@ def positions_of(model: YarnModel, *nodes: int) -> Ints:
         BLOCK * model.node_point[n] + np.array([0, 1, 2, 3 + model.node_slot[n]], np.int64) for n in nodes])
 
 
-def _add_weaves(yarns, material):
+def _add_weaves(yarns, material, near, pinned=True):
+    """Add two weaves of four yarns; those of the second lie `near` and far from those of the first that they follow."""
     warp, weft = (
         [[yarns.yarn(material, 2.0, 1.0, fabric, obstacle_distance=0.25) for _ in range(2)] for fabric in range(2)]
         for _ in range(2))
-    y_of, x_of = np.arange(2) - YARN_SHIFT, np.arange(2) + YARN_SHIFT  # places of warps and wefts
+    shift = np.array([[0.0, 0.0], [near, 0.35]])
+    y_of, x_of = np.arange(2) - shift, np.arange(2) + shift  # places of warps and wefts
     for fabric in range(2):
         for k in range(2):
             for end in (0.0, 2.0):
-                pinned = end == 0.0 and k == 0
-                yarns.lagrangian(warp[fabric][k], end, [end - 0.5, y_of[fabric, k], 0.1 * fabric], pinned)
-                yarns.lagrangian(weft[fabric][k], end, [x_of[fabric, k], end - 0.5, 0.1 * fabric], pinned)
+                held = pinned and end == 0.0 and k == 0
+                yarns.lagrangian(warp[fabric][k], end, [end - 0.5, y_of[fabric, k], 0.1 * fabric], held)
+                yarns.lagrangian(weft[fabric][k], end, [x_of[fabric, k], end - 0.5, 0.1 * fabric], held)
     for i in range(2):
         for j in range(2):
             for a, b in ((0, 0), (1, 1), (0, 1), (1, 0)):  # fabric of the warp, of the weft
@@ -142,6 +159,7 @@ def _add_weaves(yarns, material):
 
 
 def _add_rods(yarns, material):
+    """Add a rod through two eyelets and over two edges, one that it rests on and one that is sewn to it."""
     rod = yarns.yarn(material, 4.0, 1.0)
     given = yarns.yarn(material, 2.0, 1.0, kinematic=True)
     sewn = yarns.yarn(material, 1.0, 1.0, obstacle_distance=0.25)
@@ -149,11 +167,11 @@ def _add_rods(yarns, material):
     def place(u):
         return np.array([u, -2.0, 0.2 * u])
 
-    for u, pinned in ((0.0, True), (2.2, False), (2.6, False), (4.0, False)):  # that at 2.2 gives way to the edge
+    for u, pinned in ((0.0, True), (2.0, False), (2.6, False), (4.0, False)):
         yarns.lagrangian(rod, u, place(u), pinned)
     yarns.eyelet(rod, 1.0, place(1.0), friction=0.3)
-    yarns.eyelet(rod, 1.05, place(1.05), friction=0.3)
-    for u in (1.6, 2.25):
+    yarns.eyelet(rod, 1.25, place(1.25), friction=0.3)
+    for u in (1.6, 2.3):
         yarns.edge(rod, u, place(u), np.array([0.6, 0.8, 0.0]), friction=0.3)
     yarns.crossing(rod, 3.0, given, 1.0, place(3.0), UP, friction=0.3, kind=PointKind.CONTACT)
     yarns.crossing(rod, 3.5, sewn, 0.5, place(3.5), UP, kind=PointKind.STITCH)
@@ -172,5 +190,6 @@ def _stir(rng, model, state):
     state.u_rate = 0.02 * sliding * rng.normal(size=len(state.u))
     state.anchor = state.u + rng.normal(scale=0.1, size=len(state.u))
     state.normal_force = rng.uniform(0.0, 0.6, len(state.x))
+    state.contact_force = rng.normal(scale=0.2, size=state.x.shape)
     state.obstacle_anchor = state.x + rng.normal(scale=0.08, size=state.x.shape)
     state.obstacle_force = rng.uniform(0.0, 1.0, len(state.x))

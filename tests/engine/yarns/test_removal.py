@@ -1,0 +1,63 @@
+"""Contacts that end."""
+
+import numpy as np
+import pytest
+
+from engine.yarns import observe
+from engine.yarns.model import NodeState, PointKind
+from engine.yarns.removal import parted, remove
+from engine.yarns.topology import chain_of
+from tests.engine.yarns.stacks import random_stack
+
+STEPS = 3
+ENDS_BY_PULLING = {PointKind.CONTACT}
+ENDS_OFF_THE_END = {PointKind.CROSSING, PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE}
+
+
+@pytest.fixture
+def stack():
+    stack = random_stack(0)
+    stack.state.pulling_steps[:] = 0
+    return stack
+
+
+def kinds_of(stack, points):
+    return {PointKind(k) for k in stack.model.point_kind[points]}
+
+
+def test_nothing_ends_by_itself(stack):
+    assert len(parted(stack.model, stack.state, STEPS)) == 0
+
+
+def test_contacts_between_fabrics_end_by_pulling(stack):
+    stack.state.pulling_steps[:] = STEPS - 1
+    assert len(parted(stack.model, stack.state, STEPS)) == 0
+    stack.state.pulling_steps[:] = STEPS
+    assert kinds_of(stack, parted(stack.model, stack.state, STEPS)) == ENDS_BY_PULLING
+
+
+@pytest.mark.parametrize("u", [-1e-9, 100.0], ids=["before", "behind"])
+def test_what_slides_ends_where_the_yarn_ends(stack, u):
+    stack.state.u[:] = u
+    ended = parted(stack.model, stack.state, STEPS)
+    assert kinds_of(stack, ended) == ENDS_OFF_THE_END
+    stack.state.active[ended[0]] = False
+    assert list(parted(stack.model, stack.state, STEPS)) == list(ended[1:])  # once only
+
+
+def test_the_other_yarn_may_end_too(stack):
+    point = np.flatnonzero(stack.model.point_kind == PointKind.CONTACT)[0]
+    stack.state.u[stack.model.point_nodes[point, 1]] = -0.1
+    assert list(parted(stack.model, stack.state, STEPS)) == [point]
+
+
+def test_removal_keeps_momentum_and_adds_no_energy(stack):
+    model, state = stack.model, stack.state
+    points = np.flatnonzero(np.isin(model.point_kind, list(ENDS_OFF_THE_END)))[::3]
+    before = [observe.momentum(model, state), observe.energies(model, state, np.zeros(3))["kinetic"]]
+    remove(model, state, points)
+    np.testing.assert_allclose(observe.momentum(model, state), before[0], atol=1e-13)
+    assert observe.energies(model, state, np.zeros(3))["kinetic"] <= before[1]
+    assert not state.active[points].any() and not state.normal_force[points].any()
+    assert (observe.node_states(model, state)[points] == NodeState.REMOVED).all()
+    assert not np.isin(model.node_point[chain_of(model, state.order, state.eil, state.active).node], points).any()
