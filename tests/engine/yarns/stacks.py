@@ -59,13 +59,13 @@ def random_stack(seed: int, **material: float) -> Stack:
 
 
 def free_weaves(seed: int, **material: float) -> Stack:
-    """Two small weaves on each other, held by nothing, each yarn thrown with a velocity of its own; no gravity."""
+    """Two small weaves in one plane, of stiff yarns held by nothing, each thrown with a velocity of its own."""
     yarns = YarnAssembly()
-    _add_weaves(yarns, replace(MATERIAL, **material), near=0.04, pinned=False)
+    _add_weaves(yarns, replace(MATERIAL, **{"stretch_stiffness": 2e3, **material}), near=0.04, pinned=False)
     model, state = yarns.build()
     thrown = np.random.default_rng(seed).normal(scale=0.1, size=(model.yarn_count, 3))
     state.velocity[:] = thrown[model.node_yarn][:, None]
-    return Stack(model, state, NO_OBSTACLES, np.zeros(3))
+    return Stack(model, state, NO_OBSTACLES, GRAVITY)
 
 
 def perturbed(stack: Stack, seed: int) -> tuple[Floats, Floats]:
@@ -79,10 +79,9 @@ def perturbed(stack: Stack, seed: int) -> tuple[Floats, Floats]:
 def moved(stack: Stack, rotation: Rotation, shift: Floats) -> Stack:
     """Return the whole stack, with obstacles and gravity, turned about the origin and then shifted."""
     model, state, obstacles, turn = stack.model, stack.state.copy(), stack.obstacles, rotation.as_matrix()
-    for name in ("x", "obstacle_anchor"):
-        setattr(state, name, getattr(state, name) @ turn.T + shift)
-    for name in ("x_rate", "velocity", "contact_force"):
-        setattr(state, name, getattr(state, name) @ turn.T)
+    for name, values in vars(state).items():
+        if values.ndim > 1:  # vectors of space, all of them
+            setattr(state, name, values @ turn.T + (shift if name in ("x", "obstacle_anchor") else 0.0))
     return Stack(
         replace(model, free_directions=turn @ model.free_directions @ turn.T), state,
         replace(obstacles, centre=obstacles.centre @ turn.T + shift, rotation=turn @ obstacles.rotation),
@@ -145,8 +144,8 @@ def _add_weaves(yarns, material, near, pinned=True):
         for k in range(2):
             for end in (0.0, 2.0):
                 held = pinned and end == 0.0 and k == 0
-                yarns.lagrangian(warp[fabric][k], end, [end - 0.5, y_of[fabric, k], 0.1 * fabric], held)
-                yarns.lagrangian(weft[fabric][k], end, [x_of[fabric, k], end - 0.5, 0.1 * fabric], held)
+                yarns.lagrangian(warp[fabric][k], end, [end - 0.5, y_of[fabric, k], 0.0], held)
+                yarns.lagrangian(weft[fabric][k], end, [x_of[fabric, k], end - 0.5, 0.0], held)
     for i in range(2):
         for j in range(2):
             for a, b in ((0, 0), (1, 1), (0, 1), (1, 0)):  # fabric of the warp, of the weft
@@ -155,7 +154,7 @@ def _add_weaves(yarns, material, near, pinned=True):
                 if a > b or (a == b and (i + j) % 2):
                     below_u_above_v = below_u_above_v[2:] + below_u_above_v[:2]
                 kind = PointKind.CROSSING if a == b else PointKind.CONTACT
-                yarns.crossing(*below_u_above_v, [x, y, 0.05 * (a + b)], UP, friction=0.3, kind=kind)
+                yarns.crossing(*below_u_above_v, [x, y, 0.0], UP, friction=0.3, kind=kind)
 
 
 def _add_rods(yarns, material):

@@ -1,0 +1,76 @@
+"""Contact with obstacles: forces in closed form, and how a step's end settles anchors and normal forces."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from engine.contact import obstacles
+from engine.contact.obstacles import ObstacleKind
+
+DISTANCE, STIFFNESS, FRICTION = 0.1, 5.0, 0.4
+FLOOR = (np.array([ObstacleKind.PLANE]), np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)))  # kind, place, size
+ONE_POINT = np.array([0])
+SLIPS = st.floats(-1.0, 1.0)
+
+
+def pushed(x, anchor=None, last_force=0.0, x0=None):
+    """Energy and force of the floor on one point."""
+    x = np.array([x], float)
+    gradient = np.zeros((1, 5))
+    energy = obstacles.add_gradient(
+        ONE_POINT, *FLOOR, np.array([FRICTION]), np.array([DISTANCE]), np.array([STIFFNESS]),
+        x.copy() if anchor is None else np.array([anchor], float), np.array([last_force]),
+        x.copy() if x0 is None else np.array([x0], float), x, gradient)
+    return energy, -gradient[0, :3]
+
+
+def settled(x, anchor, last_force):
+    """Anchor, normal force and deepest penetration after a step that ended at x."""
+    anchors, force = np.array([anchor], float), np.zeros(1)
+    deepest = obstacles.settle(
+        ONE_POINT, *FLOOR, np.array([FRICTION]), np.array([DISTANCE]), np.array([STIFFNESS]),
+        np.array([x], float), anchors, force, np.array([last_force]))
+    return anchors[0], force[0], deepest
+
+
+@pytest.mark.parametrize(("height", "force"), [(0.2, 0.0), (0.1, 0.0), (0.04, 0.3), (-0.1, 1.0)])
+def test_the_floor_pushes_within_its_distance(height, force):
+    energy, found = pushed([3.0, 4.0, height])
+    assert energy == pytest.approx(0.5 * force**2 / STIFFNESS)
+    np.testing.assert_allclose(found, [0.0, 0.0, force], atol=1e-15)
+
+
+@settings(deadline=None)
+@given(slip=st.tuples(SLIPS, SLIPS), last_force=st.floats(0.0, 2.0))
+def test_friction_is_a_spring_up_to_coulombs_limit(slip, last_force):
+    energy, force = pushed([*slip, 1.0], [0.0, 0.0, 5.0], last_force)
+    length, limit = np.hypot(*slip), FRICTION * last_force
+    assert np.linalg.norm(force) == pytest.approx(min(STIFFNESS * length, limit), abs=1e-12)
+    assert force[:2] @ slip <= 0.0 and force[2] == pytest.approx(0.0, abs=1e-12)
+    assert energy >= 0.0
+
+
+@settings(deadline=None)
+@given(slip=st.tuples(SLIPS, SLIPS), last_force=st.floats(0.01, 2.0), height=st.floats(-0.2, 0.09))
+def test_an_anchor_that_slides_trails_at_the_limit(slip, last_force, height):
+    x = [*slip, height]
+    anchor, force, deepest = settled(x, [0.0, 0.0, 0.3], last_force)
+    assert force == pytest.approx(STIFFNESS * (DISTANCE - height))
+    assert deepest == max(-height, 0.0)
+    before, after = pushed(x, [0.0, 0.0, 0.3], last_force), pushed(x, anchor, last_force)
+    np.testing.assert_allclose(after[1], before[1], atol=1e-12)  # no force changes between steps
+    reach = FRICTION * last_force / STIFFNESS
+    np.testing.assert_allclose(np.linalg.norm(anchor[:2] - slip), min(np.hypot(*slip), reach), atol=1e-12)
+
+
+@pytest.mark.parametrize(("height", "last_force"), [(0.1, 1.0), (0.05, 0.0)], ids=["leaves", "has just come"])
+def test_an_anchor_goes_along_where_nothing_holds_it(height, last_force):
+    anchor, _, _ = settled([1.0, 2.0, height], [0.0, 0.0, 0.0], last_force)
+    np.testing.assert_array_equal(anchor, [1.0, 2.0, height])
+
+
+def test_friction_stays_that_of_the_obstacle_at_the_start_of_the_step():
+    """A step that reaches across an edge keeps the tangents with which it began, so that its potential is smooth."""
+    _, beside = pushed([0.3, 0.0, 1.0], [0.0, 0.0, 1.0], 2.0, x0=[0.0, 0.0, 0.05])
+    np.testing.assert_allclose(beside, [-FRICTION * 2.0, 0.0, 0.0], atol=1e-15)

@@ -1,0 +1,165 @@
+"""Steps of yarns: free fall, momentum, constraints, rejection, determinism."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.steppers.yarns import YarnStepper
+from engine.yarns import observe
+from engine.yarns.assembly import YarnAssembly
+from engine.yarns.handles import Handles, no_handles
+from engine.yarns.model import PointKind
+from engine.yarns.settings import YarnSettings
+from tests.engine.yarns.stacks import GRAVITY, MATERIAL, NO_OBSTACLES, UP, free_weaves, straight_yarn
+
+EXACT = YarnSettings(tolerance=1e-12, linear_tolerance=1e-12)
+H = 0.01
+
+
+def steps(stepper, state, count, h=H):
+    """Take `count` steps, all of which must be accepted; returns the reports."""
+    reports = [stepper.step(state, n * h, h) for n in range(count)]
+    assert all(report.accepted for report in reports), [report.reason for report in reports]
+    return reports
+
+
+def alone(model, settings=EXACT, gravity=GRAVITY, obstacles=NO_OBSTACLES, handles=None):
+    return YarnStepper(model, settings, gravity, obstacles, handles or no_handles())
+
+
+def held_rod():
+    """A rod that hangs from a handle, slides through an eyelet and over an edge, and rests on a given yarn."""
+    yarns = YarnAssembly()
+    rod, given = yarns.yarn(MATERIAL, 3.0, 0.5), yarns.yarn(MATERIAL, 1.0, 0.5, kinematic=True)
+    yarns.lagrangian(rod, 0.0, np.zeros(3), pinned=True, handle=0)
+    yarns.eyelet(rod, 0.5, np.array([0.5, 0.0, 0.0]), friction=0.1)
+    yarns.edge(rod, 1.0, np.array([1.0, 0.0, 0.0]), np.array([0.6, 0.8, 0.0]), friction=0.1)
+    yarns.crossing(given, 0.5, rod, 1.5, np.array([1.5, 0.0, 0.0]), UP, 0.1, PointKind.CONTACT)
+    for u in (2.0, 2.5, 3.0):
+        yarns.lagrangian(rod, u, np.array([u, 0.0, 0.0]))
+    for u in (0.0, 1.0):
+        yarns.lagrangian(given, u, np.array([1.5, u - 0.5, 0.0]), pinned=True)
+    handles = Handles(np.array([0, 2]), np.array([0.0, 0.1]), np.array([[0.0, 0, 0], [0.02, 0.0, 0.01]]))
+    return *yarns.build(), handles
+
+
+def test_free_fall_is_that_of_implicit_euler_to_round_off():
+    """x_n = x_0 + n h v_0 + h^2 g n (n + 1) / 2, whatever the yarn's stiffness."""
+    model, state = straight_yarn([0.0, 0.5, 1.5, 2.0], mass_damping=0.0)
+    start, speed = state.x.copy(), np.array([0.5, -1.0, 2.0])
+    state.velocity[:] = speed
+    count = 10
+    steps(alone(model), state, count)
+    wanted = start + count * H * speed + H**2 * GRAVITY * count * (count + 1) / 2.0
+    np.testing.assert_allclose(state.x, wanted, rtol=0.0, atol=1e-14)
+    moves = state.velocity[[0, 1, 1, 2, 2, 3], [1, 0, 1, 0, 1, 0]]
+    np.testing.assert_allclose(moves, np.broadcast_to(speed + count * H * GRAVITY, moves.shape), rtol=1e-11)
+
+
+def test_momentum_changes_by_weight_only():
+    """Through contacts that slide, switch and rub, to the tolerance of Newton."""
+    h, count, switched = 0.05, 10, False
+    for seed in range(3):
+        stack = free_weaves(seed, mass_damping=0.0)
+        model, state = stack.model, stack.state
+        before, eil, mass = observe.momentum(model, state), state.eil.copy(), np.sum(model.density * model.length)
+        stepper = alone(model, replace(EXACT, tolerance=1e-9))
+        for n in range(count):
+            steps(stepper, state, 1, h)
+            switched |= (state.eil != eil).any()
+            wanted = before + (n + 1) * h * mass * GRAVITY
+            np.testing.assert_allclose(observe.momentum(model, state), wanted, atol=1e-8 * mass)
+        assert np.abs(state.u_rate).max() > 1e-3
+    assert switched
+
+
+def test_constrained_points_stay_where_they_are_held():
+    model, state, handles = held_rod()
+    start = state.copy()
+    stepper = alone(model, YarnSettings(), handles=handles)
+    for n in range(10):
+        assert stepper.step(state, n * H, H).accepted
+        moved = state.x - start.x
+        pinned = (model.free_directions == 0.0).all(axis=(1, 2))
+        carried = model.handle == 0
+        np.testing.assert_array_equal(moved[pinned & ~carried], 0.0)
+        np.testing.assert_allclose(moved[carried], handles.offsets((n + 1) * H), atol=1e-15)
+        edge = moved[model.point_kind == PointKind.EDGE]
+        np.testing.assert_allclose(np.cross(edge, [0.6, 0.8, 0.0]), 0.0, atol=1e-14)
+        np.testing.assert_array_equal(state.u[model.u_fixed], start.u[model.u_fixed])
+    assert np.abs(edge).max() > 1e-5 and np.abs(state.u - start.u).max() > 1e-5
+
+
+def test_a_rejected_step_leaves_no_trace():
+    model, state, handles = held_rod()
+    steps(alone(model, YarnSettings(), handles=handles), state, 3)
+    before = state.copy()
+    report = alone(model, replace(EXACT, max_newton=1), handles=handles).step(state, 3 * H, H)
+    assert not report.accepted and report.reason
+    for name, values in vars(before).items():
+        assert getattr(state, name).tobytes() == values.tobytes(), name
+
+
+@pytest.mark.parametrize("name", ["x", "u_rate", "velocity"])
+def test_a_state_that_is_not_finite_is_rejected(name):
+    model, state, handles = held_rod()
+    free = model.point_nodes[model.point_kind == PointKind.CONTACT, 1][0]
+    getattr(state, name)[model.node_point[free] if name == "x" else free] = np.nan
+    report = alone(model, YarnSettings(), handles=handles).step(state, 0.0, H)
+    assert not report.accepted and report.reason
+
+
+def test_two_runs_are_the_same_to_the_bit():
+    ends = []
+    for _ in range(2):
+        stack = free_weaves(0)
+        reports = steps(alone(stack.model, YarnSettings(), GRAVITY), stack.state, 5)
+        ends.append((stack.state, [(r.newton_iterations, r.linear_iterations, r.residual) for r in reports]))
+    (one, reports), (other, same_reports) = ends
+    assert reports == same_reports
+    for name, values in vars(one).items():
+        assert values.tobytes() == getattr(other, name).tobytes(), name
+
+
+def test_a_report_tells_what_happened():
+    stack = free_weaves(0)
+    settings = YarnSettings()
+    report = steps(alone(stack.model, settings, GRAVITY), stack.state, 1)[0]
+    assert report.residual <= settings.tolerance and report.contact_gap <= settings.gap_tolerance
+    assert report.newton_iterations >= 1 and report.linear_iterations >= 1
+    assert report.penetration == 0.0 and report.removed == 0 and report.reason == ""
+    assert {"assign", "assemble", "factor", "solve", "line_search", "commit"} <= set(report.stages)
+
+
+def test_a_yarn_comes_to_rest_on_a_floor():
+    """The floor carries the weight: the penalty forces of all points add up to it."""
+    model, state = straight_yarn([0.0, 0.5, 1.0, 1.5, 2.0], mass_damping=5.0)
+    state.x[:, 2] = MATERIAL.radius
+    floor = Obstacles(np.array([ObstacleKind.PLANE], np.int64), np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)),
+                      np.array([0.5]))
+    stepper = alone(model, replace(EXACT, tolerance=1e-9, obstacle_factor=10.0), -UP, floor)
+    report = steps(stepper, state, 100, h=0.1)[-1]
+    assert np.sum(state.obstacle_force) == pytest.approx(MATERIAL.density * 2.0, rel=1e-4)
+    assert report.penetration == 0.0 and (state.x[:, 2] < MATERIAL.radius).all()
+
+
+def test_a_step_without_obstacles_asks_nothing_of_them():
+    stack = free_weaves(0)
+    assert len(stack.potential().touching) == 0
+    steps(alone(stack.model, YarnSettings(), GRAVITY), stack.state, 2)
+    assert not stack.state.obstacle_force.any()
+
+
+def test_yarns_need_no_other_physics():
+    """A scene of rods leaves the modules of strands, shells and liquid unloaded."""
+    code = """
+import sys
+import engine.steppers.yarns
+loaded = {name.split(".")[1] for name in sys.modules if name.startswith("engine.")}
+assert not loaded & {"strands", "shells", "liquid", "film", "coupling", "scene", "run", "validate", "bench"}, loaded
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
