@@ -40,6 +40,8 @@ class Step(Part):
     """Stiffness that holds EIL contacts together, over stretch stiffness / rest segment."""
     gap_tolerance: Positive = YarnSettings.gap_tolerance
     """Gap of EIL contacts that a step may leave, in yarn radii."""
+    transition_time: Positive = YarnSettings.transition_time
+    """Time in which the gap of a contact that becomes EIL fades by 1/e [s]."""
     friction_factor: Positive = YarnSettings.friction_factor
     """Stiffness of friction anchors, over stretch stiffness / rest segment."""
     obstacle_factor: Positive = YarnSettings.obstacle_factor

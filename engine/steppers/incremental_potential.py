@@ -56,6 +56,7 @@ class IncrementalPotential:
         self.gap = np.zeros((model.point_count, 3))
         self.multiplier = np.zeros((model.point_count, 3))
         self.multiplier[self.split] = state.contact_force[self.split]
+        self.offset = np.exp(-h / settings.transition_time) * state.gap_offset
 
     def _touching(self) -> Ints:
         """Points that may touch obstacles: those whose x moves with one fabric's material."""
@@ -78,7 +79,7 @@ class IncrementalPotential:
                                        self.h, self.x0, self.u0, x, u, g)
         energy += bending.add_gradient(c.node, c.before, c.after, m.node_yarn, m.node_point, m.bending_stiffness, x, u, g)
         energy += contact.add_gradient(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
-                                       self.constraint_stiffness, self.multiplier, x, u, g, self.gap)
+                                       self.constraint_stiffness, self.multiplier, self.offset, x, u, g, self.gap)
         return energy
 
     def gradient(self, x: Floats, u: Floats) -> tuple[float, Floats]:
@@ -149,7 +150,7 @@ class IncrementalPotential:
         bending.add_hessian(c.node, c.before, c.after, m.node_yarn, m.node_point, m.node_slot, m.bending_stiffness, x, u,
                             convex, a.start, a.column, a.block)
         contact.add_hessian(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point, m.node_slot,
-                            self.constraint_stiffness, self.multiplier, x, u, convex, a.start, a.column, a.block)
+                            self.constraint_stiffness, self.multiplier, self.offset, x, u, convex, a.start, a.column, a.block)
         friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,
                              self.state.anchor, self.hold, u, a.diagonal, a.block)
         if len(self.touching):

@@ -3,14 +3,14 @@
 import numpy as np
 from numba import njit
 
-from engine.arrays import Floats
+from engine.arrays import Floats, Ints
 from engine.contact import obstacles as obstacle_contact
 from engine.contact.obstacles import Obstacles
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.line_search import line_search, longest_update
 from engine.steppers.newton_system import NewtonSystem
 from engine.steppers.step_report import StepReport, Stopwatch
-from engine.yarns import contact, friction, inertia, normal_force
+from engine.yarns import contact, friction, inertia, normal_force, transition
 from engine.yarns.handles import Handles
 from engine.yarns.model import YarnModel, YarnState
 from engine.yarns.removal import parted, remove
@@ -40,13 +40,12 @@ class YarnStepper:
         system = NewtonSystem(potential, self.settings, watch)
         watch.lap("assign")
 
-        x, u = self.extrapolate(start, potential, time, h)
-        energy, gradient = potential.gradient(x, u)
+        x, u, energy, gradient = self.first_guess(start, potential, time, h)
         watch.lap("assemble")
         while True:
             self.measure(report, potential, gradient, x, u)
             if report.residual <= self.settings.tolerance:
-                if report.contact_gap <= self.settings.gap_tolerance:
+                if report.constraint_gap <= self.settings.gap_tolerance:
                     break
                 potential.multiplier = potential.contact_force()
                 energy, gradient = potential.gradient(x, u)
@@ -74,25 +73,35 @@ class YarnStepper:
         if not self.settings.eil:
             state.eil[:] = False
             return chain_of(self.model, state.order, state.eil, state.active)
-        old = chain_of(self.model, state.order, state.eil, state.active)
+        old, was_eil, u = chain_of(self.model, state.order, state.eil, state.active), state.eil.copy(), state.u.copy()
         assign(self.model, state, self.settings.safety_distance, h)
         new = chain_of(self.model, state.order, state.eil, state.active)
         if not np.array_equal(old.node, new.node):
-            state.velocity = inertia.project(old, state.u, state.velocity, new, state.u)
+            if self.settings.optimal_transition:
+                transition.settle_switched(self.model, state, was_eil, new, self.settings.safety_distance)
+            contact.absorb_jumps(self.model, state, new)
+            state.velocity = inertia.project(old, u, state.velocity, new, state.u)
         return new
 
-    def extrapolate(
+    def first_guess(
         self, start: YarnState, potential: IncrementalPotential, time: float, h: float
-    ) -> tuple[Floats, Floats]:
-        """Return the first guess of (x, u): the last rates go on, handles carry their pinned points."""
-        x = start.x + h * np.einsum("pij,pj->pi", potential.projector[:, :3, :3], start.x_rate)
+    ) -> tuple[Floats, Floats, float, Floats]:
+        """Return (x, u, energy, gradient) to start Newton from, handles having carried their pinned points.
+
+        Either the last rates go on or everything stays, whichever has the lower incremental potential: where nodes
+        meet, rates change at once.
+        """
+        x, u = start.x.copy(), start.u.copy()
         held = self.model.handle >= 0
         if held.any():
             motion = self.handles.offsets(time + h) - self.handles.offsets(time)
-            x[held] = start.x[held] + motion[self.model.handle[held]]
+            x[held] += motion[self.model.handle[held]]
         du = np.zeros(self.model.node_count)
         du[potential.sliding] = h * start.u_rate[potential.sliding]
-        return x, start.u + longest_update(potential.chain, start.u, du) * du
+        further = x + h * np.einsum("pij,pj->pi", potential.projector[:, :3, :3], start.x_rate)
+        slid = u + longest_update(potential.chain, u, du) * du
+        guesses = [(*q, *potential.gradient(*q)) for q in ((further, slid), (x, u))]
+        return min(guesses, key=lambda guess: guess[2])
 
     def measure(
         self, report: StepReport, potential: IncrementalPotential, gradient: Floats, x: Floats, u: Floats
@@ -102,8 +111,13 @@ class YarnStepper:
         tension = largest_tension(c.node, c.after, m.node_yarn, m.node_point, m.stretch_stiffness, x, u)
         floor = 1e-9 * float(m.stretch_stiffness.max(initial=0.0))
         report.residual = float(np.abs(gradient).max(initial=0.0)) / max(self.weight, 1e-3 * tension, floor)
-        gap = np.linalg.norm(potential.gap[potential.split], axis=1)
-        report.contact_gap = float((gap / self.radius[potential.split]).max(initial=0.0))
+        split = potential.split
+        report.contact_gap = self.largest_gap(split, potential.gap[split] + potential.offset[split])
+        report.constraint_gap = self.largest_gap(split, potential.gap[split])
+
+    def largest_gap(self, points: Ints, gap: Floats) -> float:
+        """Return the largest of the gaps [n, 3] at `points`, in yarn radii."""
+        return float((np.linalg.norm(gap, axis=1) / self.radius[points]).max(initial=0.0))
 
     def commit(
         self, state: YarnState, start: YarnState, potential: IncrementalPotential, x: Floats, u: Floats, h: float,
@@ -119,7 +133,9 @@ class YarnStepper:
 
         friction.drag_anchors(potential.sliding, potential.friction_stiffness, potential.friction_limit, u, start.anchor)
         potential.internal(x, u)
-        start.contact_force = potential.contact_force()
+        start.contact_force, start.gap_offset = potential.contact_force(), potential.offset
+        start.gap[:] = 0.0
+        start.gap[potential.split] = potential.gap[potential.split] + potential.offset[potential.split]
         normal_force.normal_forces(
             m.point_kind, m.point_nodes, m.side, start.active, c.before, c.after, at, m.node_yarn, m.radius,
             m.rest_segment, m.bending_stiffness, m.stretch_stiffness, start.contact_force, x, u,

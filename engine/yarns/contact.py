@@ -1,25 +1,47 @@
 """The contact constraint at EIL nodes, as a soft one (Sánchez-Banderas 2020, secs. 3.3 and 4.2).
 
 An EIL node b between its EoL neighbours a and c stands at X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a).
-With g = X - X_partner the energy is m.g + k_c |g|^2 / 2; the partner is the EoL node or the fixed object at the same point, or
+With g = X - X_partner - o the energy is m.g + k_c |g|^2 / 2; the partner is the EoL node or the fixed object at the same point, or
 another EIL node. The force on X reaches the free coordinates through the Jacobian of the interpolation.
 
 k_c makes the linear systems hard when it is large. So it is moderate, and where the gap that is left exceeds its
 tolerance the multiplier m takes over the force, m <- m + k_c g, and Newton goes on (augmented Lagrangian).
+
+Where a node of a bent yarn becomes EIL, its yarn is straightened and leaves its partners. The offset o takes up that jump
+of the gap, and m starts as the force of the contact before, so that neither the constraint's force nor its energy jumps;
+o then fades.
 """
 
 import numpy as np
 from numba import njit
 
 from engine.linalg.block_matrix import BLOCK, locate
+from engine.yarns.model import PointKind, YarnModel, YarnState
+from engine.yarns.topology import Chain
+
+
+def absorb_jumps(model: YarnModel, state: YarnState, chain: Chain) -> None:
+    """Add to the offsets what a new assignment, whose chain is given, has changed in the gaps of EIL contacts."""
+    first, second = model.point_nodes.T
+    has_eil = (state.eil[first] | ((second >= 0) & state.eil[second])) & (model.point_kind != PointKind.LAGRANGIAN)
+    points = np.flatnonzero(has_eil & state.active)
+    gap = np.zeros((model.point_count, 3))
+    add_gradient(points, model.point_nodes, state.eil, chain.before, chain.after, model.node_point,
+                 np.zeros(model.point_count), np.zeros_like(gap), np.zeros_like(gap), state.x, state.u,
+                 np.zeros((model.node_count, 4)), gap)
+    jump = gap[points] - state.gap[points]
+    offset = state.gap_offset[points] + jump
+    state.gap_offset[:] = 0.0
+    state.gap_offset[points] = offset
 
 
 @njit(cache=True)
-def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness, multiplier, x, u, gradient, gap):
+def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness, multiplier, offset, x, u, gradient, gap):
     """Add the gradient to `gradient` [N, 4], write g to `gap` [P, 3] and return the energy [J].
 
-    `points` are the points with at least one EIL node; `stiffness` [P] is k_c, `multiplier` [P, 3] is m [N]. A partner that is EoL takes
-    its share on its own node, a fixed object on the EIL node's: both end up on the point.
+    `points` are the points with at least one EIL node; `stiffness` [P] is k_c, `multiplier` [P, 3] is m [N],
+    `offset` [P, 3] is o [m]. A partner that is EoL takes its share on its own node, a fixed object on the EIL node's:
+    both end up on the point.
     """
     energy = 0.0
     place, w = np.empty((2, 3)), np.empty((2, 3))
@@ -35,7 +57,7 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
                 for k in range(3):
                     place[side, k] = x[p, k]
         for k in range(3):
-            gap[p, k] = place[0, k] - place[1, k]
+            gap[p, k] = place[0, k] - place[1, k] - offset[p, k]
             force[k] = multiplier[p, k] + stiffness[p] * gap[p, k]
             energy += (multiplier[p, k] + 0.5 * stiffness[p] * gap[p, k]) * gap[p, k]
         for side in range(2):
@@ -60,7 +82,8 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
 
 @njit(cache=True)
 def add_hessian(
-    points, point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier, x, u, convex, start, column, block
+    points, point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier, offset, x, u, convex,
+    start, column, block,
 ):
     """Add k_c J^T J and, unless `convex`, (m + k_c g).d2X; J is the Jacobian of g in the unknowns of up to five points."""
     jacobian = np.empty((5, 3, BLOCK))
@@ -104,7 +127,7 @@ def add_hessian(
             if n >= 0 and eil[n] and not convex:
                 sign = 1.0 if side == 0 else -1.0
                 for k in range(3):
-                    force[k] = sign * (multiplier[p, k] + stiffness[p] * (place[0, k] - place[1, k]))
+                    force[k] = sign * (multiplier[p, k] + stiffness[p] * (place[0, k] - place[1, k] - offset[p, k]))
                 _add_curvature(n, before[n], after[n], force, w[side], node_point, node_slot, u, start, column, block)
 
 

@@ -96,6 +96,8 @@ class YarnState:
     anchor: Floats  # friction anchor of each node [m], shape [N]
     normal_force: Floats  # F_n at points, of the last step; negative where yarns pull [N], shape [P]
     contact_force: Floats  # force between the two sides of each point in the last step [N], shape [P, 3]
+    gap: Floats  # between the two sides of EIL contacts [m], shape [P, 3]
+    gap_offset: Floats  # the part of the gap that comes from new assignments, fading [m], shape [P, 3]
     pulling_steps: Ints  # successive steps in which a contact pulled, shape [P]
     obstacle_anchor: Floats  # friction anchor of x on an obstacle [m], shape [P, 3]
     obstacle_force: Floats  # normal force of obstacles in the last step [N], shape [P]

@@ -45,7 +45,7 @@ def add_gradient(chain, after, node_yarn, node_point, stiffness, damping, h, x0,
 def add_hessian(
     chain, after, node_yarn, node_point, node_slot, stiffness, damping, h, x0, u0, x, u, convex, start, column, block
 ):
-    """Add the Hessian; if `convex`, without the geometric term of segments under compression, which is negative."""
+    """Add the Hessian; if `convex`, without the terms that compression and damping can make negative."""
     d = np.empty(3)
     z = np.empty((2, 4))
     for i in chain:
@@ -56,12 +56,16 @@ def add_hessian(
         l, du = _segment(x, u, node_point, i, j, d)
         lam = l / du
         along = stiffness[y] / du
+        tension = stiffness[y] * (lam - 1.0)
+        damped = 0.0
         if damping[y] > 0.0:
-            _, du0 = _rest(x0, u0, node_point, i, j)
-            along += damping[y] * stiffness[y] * du0 / (h * du * du)
-        across = stiffness[y] * (lam - 1.0) / l
+            l0, du0 = _rest(x0, u0, node_point, i, j)
+            rate = damping[y] * stiffness[y] * du0 / h
+            along += rate / (du * du)
+            damped = rate * (lam - l0 / du0) / du
+        across = (tension + damped) / l
         if convex:
-            across = max(across, 0.0)
+            across, damped = max(across, 0.0), 0.0
         for k in range(3):
             z[0, k] = -d[k]
             z[1, k] = d[k]
@@ -78,9 +82,9 @@ def add_hessian(
                     for c in range(3):
                         block[k, r, c] += along * z[a, r] * z[b, c] - sign * across * d[r] * d[c]
                     block[k, r, r] += sign * across
-                    block[k, r, sb] += along * z[a, r] * z[b, 3]
-                    block[k, sa, r] += along * z[a, 3] * z[b, r]
-                block[k, sa, sb] += along * z[a, 3] * z[b, 3]
+                    block[k, r, sb] += along * z[a, r] * z[b, 3] - sign * damped / du * d[r]
+                    block[k, sa, r] += along * z[a, 3] * z[b, r] - sign * damped / du * d[r]
+                block[k, sa, sb] += along * z[a, 3] * z[b, 3] + sign * 2.0 * damped / du * lam
 
 
 @njit(cache=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from engine.arrays import Flags, Ints
+from engine.arrays import Flags, Floats, Ints
 from engine.yarns.model import PointKind, YarnModel, YarnState
 
 
@@ -23,10 +23,14 @@ def assign(model: YarnModel, state: YarnState, safety_distance: float, h: float)
     """Sort the nodes of every yarn by u and choose the EIL nodes; writes `state.order` and `state.eil`.
 
     `safety_distance` is in rest segments. Two nodes that close in on each other count as nearer by what they will
-    travel within the step `h` [s], so that they do not pass each other as EoL nodes. Beyond the paper, a discretisation
-    point that nothing holds gives way to a contact that comes close: it rests on the segment until the contact has passed.
+    travel within the step `h` [s], so that they do not pass each other as EoL nodes.
+
+    Beyond the paper, of two contacts the one becomes EIL whose yarn is straighter there, since that moves its yarn least;
+    one that is EIL stays so. A discretisation point that nothing holds gives way to a contact that comes close: it rests
+    on the segment until the contact has passed.
     """
-    _assign(model.node_start, model.rest_segment, model.kinematic, model.node_point, standing(model), state.active, state.u, state.u_rate, h, safety_distance, state.order, state.eil)
+    kink = kinks(model, state, chain_of(model, state.order, state.eil, state.active))
+    _assign(model.node_start, model.rest_segment, model.kinematic, model.node_point, standing(model), kink, state.active, state.u, state.u_rate, h, safety_distance, state.order, state.eil)
 
 
 def standing(model: YarnModel) -> Ints:
@@ -42,6 +46,19 @@ def standing(model: YarnModel) -> Ints:
     return np.where(gives_way, 0, np.where(model.u_fixed, 2, 1))
 
 
+def kinks(model: YarnModel, state: YarnState, chain: Chain) -> Floats:
+    """Return how far each EoL node is from the line between its neighbours, at its u, shape [N] [m]; 0 for the others."""
+    inner = chain.node[(chain.before[chain.node] >= 0) & (chain.after[chain.node] >= 0)]
+    before, after = chain.before[inner], chain.after[inner]
+    span = state.u[after] - state.u[before]
+    share = np.divide(state.u[inner] - state.u[before], span, out=np.zeros(len(inner)), where=span > 0.0)[:, None]
+    at = model.node_point
+    between = (1.0 - share) * state.x[at[before]] + share * state.x[at[after]]
+    kink = np.zeros(model.node_count)
+    kink[inner] = np.linalg.norm(state.x[at[inner]] - between, axis=1)
+    return kink
+
+
 def chain_of(model: YarnModel, order: Ints, eil: Flags, active: Flags) -> Chain:
     """Return the chains of EoL nodes for a given order, assignment and set of active points."""
     before = np.full(model.node_count, -1, np.int64)
@@ -53,7 +70,7 @@ def chain_of(model: YarnModel, order: Ints, eil: Flags, active: Flags) -> Chain:
 
 
 @njit(cache=True)
-def _assign(node_start, rest_segment, kinematic, node_point, standing, active, u, u_rate, h, safety_distance, order, eil):
+def _assign(node_start, rest_segment, kinematic, node_point, standing, kink, active, u, u_rate, h, safety_distance, order, eil):
     for y in range(len(rest_segment)):
         nodes = order[node_start[y] : node_start[y + 1]]
         for a in range(1, len(nodes)):  # insertion sort: stable, and linear on what is nearly sorted
@@ -74,7 +91,9 @@ def _assign(node_start, rest_segment, kinematic, node_point, standing, active, u
                 eil[node] = standing[node] < 2
                 continue
             while last >= 0 and _apart(u, u_rate, nodes[last], node, h) < distance:
-                if standing[node] < 2 and standing[node] <= standing[nodes[last]]:
+                gives_way = standing[node] < standing[nodes[last]] or (
+                    standing[node] == standing[nodes[last]] and kink[node] <= kink[nodes[last]])
+                if standing[node] < 2 and gives_way:
                     eil[node] = True
                     break
                 if standing[nodes[last]] == 2:
