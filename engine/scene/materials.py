@@ -48,7 +48,7 @@ class Material(Part):
 PRESETS = {
     # the radius of the tablecloths of Sánchez-Banderas 2020; cotton of which half the volume is air
     "cotton-thick": Material(
-        radius=2.25e-3, volume_density=770.0, youngs_modulus=5e5, bending_modulus=1e4,
+        radius=2.25e-3, volume_density=770.0, youngs_modulus=5e5, bending_modulus=1e5,
         mass_damping=0.1, stretch_damping=1e-3,
     ),
     # the yarn of published research code on woven cloth, for a spacing of 1 mm

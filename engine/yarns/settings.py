@@ -10,7 +10,7 @@ class YarnSettings:
     safety_distance: float = 0.1  # EoL nodes keep this far apart, in rest segments (Sánchez-Banderas 2020, sec. 4.1)
     constraint_factor: float = 100.0  # k_c of EIL contacts over k_s / rest segment (sec. 4.2 uses 1000)
     gap_tolerance: float = 5e-4  # gap of EIL contacts that is left, in yarn radii
-    transition_time: float = 2e-3  # in which the gap of a contact that becomes EIL fades by 1/e [s]
+    transition_time: float = 1e-5  # in which the gap of a contact that becomes EIL fades by 1/e [s]; longer is smoother
     friction_factor: float = 0.1  # stiffness of friction anchors over k_s / rest segment
     obstacle_factor: float = 1.0  # stiffness of obstacle contact over k_s / rest segment
     tolerance: float = 1e-3  # residual force that ends Newton, relative to the force scale of the step
