@@ -47,6 +47,19 @@ def held_rod():
     return *yarns.build(), handles
 
 
+def roof(up):
+    """A taut rod over a given yarn, its ends half as low as they are away; with the contact and the force there."""
+    yarns, half = YarnAssembly(), np.sqrt(1.25)
+    length, material = 2.0 * half / 1.05, replace(MATERIAL, bending_stiffness=0.0)
+    bar, rod = yarns.yarn(material, 2.0, 1.0, kinematic=True), yarns.yarn(material, length, length / 2.0)
+    point = yarns.crossing(bar, 1.0, rod, length / 2.0, np.zeros(3), up, 0.3, PointKind.CONTACT)
+    for end in (0, 1):
+        yarns.lagrangian(bar, 2.0 * end, np.array([2.0 * end - 1.0, 0.0, 0.0]), pinned=True)
+        yarns.lagrangian(rod, end * length, np.array([0.0, 2.0 * end - 1.0, -0.5]), pinned=True)
+    force = 2.0 * 0.05 * material.stretch_stiffness * 0.5 / half + 0.5 * material.density * length
+    return *yarns.build(), point, force
+
+
 def test_free_fall_is_that_of_implicit_euler_to_round_off():
     """x_n = x_0 + n h v_0 + h^2 g n (n + 1) / 2, whatever the yarn's stiffness."""
     model, state = straight_yarn([0.0, 0.5, 1.5, 2.0], mass_damping=0.0)
@@ -145,6 +158,22 @@ def test_a_yarn_comes_to_rest_on_a_floor():
     report = steps(stepper, state, 100, h=0.1)[-1]
     assert np.sum(state.obstacle_force) == pytest.approx(MATERIAL.density * 2.0, rel=1e-4)
     assert report.penetration == 0.0 and (state.x[:, 2] < MATERIAL.radius).all()
+
+
+def test_a_rod_presses_with_its_tension_and_half_its_weight():
+    """2 T sin(angle) + m g / 2: the given yarn has no equation of its own, the rod's carries the whole load."""
+    model, state, point, force = roof(UP)
+    steps(alone(model, replace(EXACT, tolerance=1e-9, constraint_factor=1e4), -UP), state, 20, h=0.1)
+    assert state.normal_force[point] == pytest.approx(force, rel=1e-3)
+    assert state.active[point] and state.pulling_steps[point] == 0
+
+
+def test_a_rod_that_pulls_is_let_go():
+    model, state, point, _ = roof(-UP)
+    held = YarnSettings(separation_steps=3, separation_force=0.5, constraint_factor=1e4)
+    reports = steps(alone(model, held, -UP), state, 4)
+    assert [report.removed for report in reports] == [0, 0, 1, 0]
+    assert not state.active[point]
 
 
 def test_a_step_without_obstacles_asks_nothing_of_them():

@@ -15,7 +15,8 @@ from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, chain_of, standing
 
 H = 0.1
-SETTINGS = YarnSettings(constraint_factor=3.0, friction_factor=0.5, obstacle_factor=2.0, gauge=0.1)
+SETTINGS = YarnSettings(
+    constraint_factor=3.0, friction_factor=0.5, obstacle_factor=2.0, gauge=0.1, transition_time=0.3)
 MATERIAL = YarnMaterial(radius=0.1, density=1.3, stretch_stiffness=2.0, bending_stiffness=0.5, mass_damping=0.2,
                         stretch_damping=0.3)
 GRAVITY = np.array([0.3, -0.2, -1.0])
@@ -37,9 +38,9 @@ class Stack:
         """The EoL nodes of the present assignment."""
         return chain_of(self.model, self.state.order, self.state.eil, self.state.active)
 
-    def potential(self) -> IncrementalPotential:
+    def potential(self, settings: YarnSettings = SETTINGS) -> IncrementalPotential:
         """The incremental potential of a step from here."""
-        return IncrementalPotential(self.model, SETTINGS, self.gravity, self.obstacles, self.state, self.chain, H)
+        return IncrementalPotential(self.model, settings, self.gravity, self.obstacles, self.state, self.chain, H)
 
 
 def random_stack(seed: int, **material: float) -> Stack:
@@ -189,6 +190,8 @@ def _stir(rng, model, state):
     state.u_rate = 0.02 * sliding * rng.normal(size=len(state.u))
     state.anchor = state.u + rng.normal(scale=0.1, size=len(state.u))
     state.normal_force = rng.uniform(0.0, 0.6, len(state.x))
+    state.gap = rng.normal(scale=0.02, size=state.x.shape)
+    state.gap_offset = rng.normal(scale=0.02, size=state.x.shape)
     state.contact_force = rng.normal(scale=0.2, size=state.x.shape)
     state.obstacle_anchor = state.x + rng.normal(scale=0.08, size=state.x.shape)
     state.obstacle_force = rng.uniform(0.0, 1.0, len(state.x))

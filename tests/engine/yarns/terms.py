@@ -103,21 +103,6 @@ def change_of_mass(p, x, u, full):
         full[np.ix_(*[positions_of(m, i, j)] * 2)] += mixed + mixed.T
 
 
-def turning_of_damping(p, x, u, full):
-    """V = c (lambda - lambda0)^2 / 2: the Hessian is c (grad lambda)^2, the form of Gauss and Newton."""
-    m = p.model
-    for i, j in segments(p.chain):
-        y = m.node_yarn[i]
-        e0, e = (at[m.node_point[j]] - at[m.node_point[i]] for at in (p.x0, x))
-        l0, length, du0, du = np.linalg.norm(e0), np.linalg.norm(e), p.u0[j] - p.u0[i], u[j] - u[i]
-        second = np.empty((4, 4))  # of lambda = l / Du in the edge and Du
-        second[:3, :3] = (np.eye(3) - np.outer(e, e) / length**2) / (length * du)
-        second[:3, 3] = second[3, :3] = -e / (length * du**2)
-        second[3, 3] = 2.0 * length / du**3
-        force = m.stretch_damping[y] * m.stretch_stiffness[y] * du0 / p.h * (length / du - l0 / du0)
-        full[np.ix_(*[positions_of(m, i, j)] * 2)] += force * np.kron([[1.0, -1.0], [-1.0, 1.0]], second)
-
-
 def buckling_across(p, x, u, full):
     """Tilts of both segments of a bend across its plane, the same way: - F (1 - cos theta) (alpha + beta)^2 / 4."""
     m, c = p.model, p.chain
@@ -158,7 +143,7 @@ def segments(chain: Chain) -> Iterator[tuple[int, int]]:
 
 TERMS = [
     Term("inertia", without_mass, left_out=change_of_mass),
-    Term("stretch", without_stretch, left_out=turning_of_damping, internal=True),
+    Term("stretch", without_stretch, internal=True),
     Term("bending", without_bending, left_out=buckling_across, internal=True),
     Term("contact", without_contact, internal=True),
     Term("friction", without_friction),

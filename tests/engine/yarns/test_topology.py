@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -144,6 +145,17 @@ def test_of_two_contacts_the_second_is_tagged_and_a_discretisation_point_before_
     model.point_kind[1] = PointKind.LAGRANGIAN
     model.u_fixed[1], model.free_directions[1] = True, np.eye(3)
     np.testing.assert_array_equal(assigned(model, state).eil, [False, True, False, True, False])
+
+
+@pytest.mark.parametrize(("heights", "tagged"), [((0.2, 0.1), 2), ((0.1, 0.2), 1)])
+def test_of_two_contacts_the_one_gives_way_where_the_yarn_is_straighter_and_stays_so(heights, tagged):
+    model, state = straight_yarn([0.0, 0.49, 0.51, 1.0], PointKind.EYELET)
+    model = replace(model, rest_segment=np.ones(1))
+    state.eil[:], state.x[1:3, 2] = False, heights
+    once = assigned(model, state)
+    assert list(np.flatnonzero(once.eil)) == [tagged]
+    once.x[1:3, 2] = heights[::-1]
+    np.testing.assert_array_equal(assigned(model, once).eil, once.eil)
 
 
 def test_nodes_that_close_in_count_as_nearer():

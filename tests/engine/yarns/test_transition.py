@@ -1,78 +1,54 @@
-"""Appendix A as functions and as it acts on the nodes of a yarn."""
+"""Eulerian coordinates at switches: each is the best of its interval, and the forms of Appendix A agree."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
-from engine.yarns.assembly import YarnAssembly, YarnMaterial
-from engine.yarns.topology import assign, chain_of
-from engine.yarns.transition import entering_eil, entering_eol, settle_switched
+from engine.yarns.transition import entering_eil, entering_eil_by_angle, entering_eil_by_material, entering_eol
 
-A, B, C = np.array([-0.3, 0.0, 0.0]), np.array([0.0, 0.2, 0.0]), np.array([0.8, 0.1, 0.0])
-
-
-@pytest.mark.parametrize("formula", [entering_eol, entering_eil])
-def test_the_direction_in_which_u_counts_makes_no_difference(formula):
-    there, back = formula(A, B, C, 0.0, 1.0), formula(C, B, A, 1.0, 0.0)
-    assert there == pytest.approx(back, abs=1e-15)
+PLACES = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+SAMPLES = np.linspace(0.0, 1.0, 101)
 
 
-@pytest.mark.parametrize("beyond, end", [(C + (C - A), 1.0), (A - (C - A), 0.0)])
-def test_a_node_that_turns_eil_stays_between_its_neighbours(beyond, end):
-    assert entering_eil(A, beyond, C, 0.0, 1.0) == end
+def apart(*places):
+    return all(np.linalg.norm(p - q) > 0.1 for p, q in pairwise(places))
 
 
-def test_places_that_coincide_put_u_in_the_middle():
-    assert entering_eol(A, A, A, 0.0, 1.0) == entering_eil(A, A, A, 0.0, 1.0) == 0.5
+@settings(deadline=None)
+@given(PLACES, PLACES, PLACES)
+def test_a_node_that_turns_eol_is_stretched_alike_on_both_sides(x_a, x_b, x_c):
+    assume(apart(x_a, x_b, x_c))
+    u = entering_eol(x_a, x_b, x_c, 2.0, 5.0)
+    assert 2.0 < u < 5.0
+    assert np.linalg.norm(x_b - x_a) / (u - 2.0) == pytest.approx(np.linalg.norm(x_c - x_b) / (5.0 - u))
 
 
-def held_rod(*u: float):
-    """A rod from A over B to C through eyelets at B, all with their anchors 0.01 behind."""
-    assembly = YarnAssembly()
-    rod = assembly.yarn(YarnMaterial(radius=1e-3, density=0.01, stretch_stiffness=100.0), 1.0, 1.0)
-    assembly.lagrangians(rod, [0.0, 1.0], [A, C])
-    for place in u:
-        assembly.eyelet(rod, place, B)
-    model, state = assembly.build()
-    state.anchor -= 0.01
-    return model, state
+@settings(deadline=None)
+@given(PLACES, PLACES, PLACES)
+def test_a_node_that_turns_eil_lands_nearest_to_where_it_was(x_a, x_b, x_c):
+    assume(apart(x_a, x_c))
+    share = (entering_eil(x_a, x_b, x_c, 2.0, 5.0) - 2.0) / 3.0
+    distance = np.linalg.norm(x_a + np.append(share, SAMPLES)[:, None] * (x_c - x_a) - x_b, axis=1)
+    assert 0.0 <= share <= 1.0
+    assert distance[0] <= distance[1:].min() + 1e-12
 
 
-def switch(model, state, distance: float):
-    """Assign nodes at a safety distance and settle those that switch."""
-    was_eil = state.eil.copy()
-    assign(model, state, distance, h=1.0)
-    settle_switched(model, state, was_eil, chain_of(model, state.order, state.eil, state.active), distance)
+@settings(deadline=None)
+@given(PLACES, PLACES, PLACES, st.floats(0.5, 2.0))
+def test_the_forms_of_the_appendix_agree(x_a, x_b, x_c, stretch):
+    """By places, by lengths and angle, and from u alone where both segments are stretched alike."""
+    assume(apart(x_a, x_b, x_c, x_a))
+    t, s = x_b - x_a, x_c - x_b
+    ab, bc = np.linalg.norm(t), np.linalg.norm(s)
+    u_a, u_b, u_c = 2.0, 2.0 + ab / stretch, 2.0 + (ab + bc) / stretch
+    by_places = entering_eil(x_a, x_b, x_c, u_a, u_c)
+    assert entering_eil_by_angle(ab, bc, t @ s / (ab * bc), u_a, u_c) == pytest.approx(by_places)
+    assert entering_eil_by_material(u_a, u_b, u_c, t @ s / (ab * bc)) == pytest.approx(by_places)
 
 
-def test_nodes_that_switch_take_their_anchors_along():
-    model, state = held_rod(0.6)
-    switch(model, state, distance=0.95)
-    assert state.u[1] == entering_eil(A, B, C, 0.0, 1.0)
-    switch(model, state, distance=0.01)
-    assert state.u[1] == entering_eol(A, B, C, 0.0, 1.0)
-    np.testing.assert_allclose(state.anchor, state.u - 0.01, rtol=0, atol=1e-15)
-
-
-def test_nodes_that_do_not_switch_and_ends_stay():
-    model, state = held_rod(0.6)
-    before = state.copy()
-    switch(model, state, distance=0.01)
-    assert np.array_equal(state.u, before.u) and np.array_equal(state.anchor, before.anchor)
-    switch(model, state, distance=0.95)
-    assert state.u[0] == 0.0 and state.u[2] == 1.0
-
-
-def test_a_node_that_turns_eol_keeps_the_safety_distance():
-    model, state = held_rod(0.6)
-    switch(model, state, distance=0.95)
-    state.x[2] = A + 1e-3 * (B - A)  # equal stretch would put it a thousandth from the end
-    switch(model, state, distance=0.1)
-    assert not state.eil.any() and state.u[1] == pytest.approx(0.1)
-
-
-def test_neighbours_that_turn_eol_together_stay_in_order():
-    model, state = held_rod(0.3, 0.6)
-    switch(model, state, distance=0.95)
-    state.u[1:3] = 0.3, 0.6
-    switch(model, state, distance=0.1)
-    assert not state.eil.any() and (np.diff(state.u) >= 0.1 - 1e-15).all()
+def test_where_all_is_in_one_place_the_middle_is_taken():
+    assert entering_eol(np.ones(3), np.ones(3), np.ones(3), 2.0, 5.0) == 3.5
+    assert entering_eil(np.ones(3), np.ones(3), np.ones(3), 2.0, 5.0) == 3.5
