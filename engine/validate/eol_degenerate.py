@@ -1,0 +1,135 @@
+"""Stacks of small patches at random angle and offset, full of EIL nodes: the method's claim of robustness."""
+
+from dataclasses import dataclass, field
+from math import cos, isclose, radians, sin
+from time import perf_counter
+
+import numpy as np
+
+from engine.run.adaptivity import StepTooSmall
+from engine.validate.catalogue import CaseResult, Row, case
+from engine.validate.eol_march import March
+from engine.validate.rods import EARTH
+from engine.yarns import observe
+from engine.yarns.topology import assign
+
+SHARE = 0.34  # of all points that are EIL at the start, the most that the paper met (sec. 5)
+GAP_BAR = 1e-3  # of EIL contacts [radii]
+NEWTON = 10  # iterations that a step may take ...
+SELDOM = 0.01  # ... and the share of steps of the default size that may take more
+STEP = 1e-3  # the default size [s]
+STEPS = 25  # of each run
+SPACING = 5.6e-3
+LAYERS = (2, 3, 4)
+
+
+@dataclass
+class Tally:
+    """What the runs of one number of layers came to."""
+
+    steps: int = 0  # of the default size
+    slow: int = 0  # of these, those that took too many iterations or were rejected
+    gap: float = 0.0  # largest [radii]
+    least_share: float = 1.0  # of EIL points in the first step
+    coincident: int = 0  # runs with nodes at exactly the same place of a yarn
+    failures: list[str] = field(default_factory=list)
+
+
+@case("eol-degenerate", bar=SELDOM,
+      summary="stacks with a third of all points EIL: share of steps that take more than 10 Newton iterations")
+def degenerate(quick: bool) -> CaseResult:
+    """Share of slow steps over all seeds; not-a-number, a failed job or an open contact fails besides."""
+    seeds = range(20 if quick else 1000)
+    rows, tallies = [], []
+    for number, layers in enumerate(LAYERS):
+        began, tally = perf_counter(), Tally()
+        for seed in seeds[number :: len(LAYERS)]:
+            run(seed, layers, tally)
+        rows.append(Row("layers", layers, tally.slow / tally.steps, perf_counter() - began))
+        tallies.append(tally)
+    gap = max(tally.gap for tally in tallies)
+    failures = [failure for tally in tallies for failure in tally.failures]
+    if not gap <= GAP_BAR:
+        failures.append(f"a contact opens by {gap:.2g} radii")
+    note = (
+        f"{len(seeds)} seeds, {sum(tally.coincident for tally in tallies)} with coincident nodes; at least "
+        f"{min(tally.least_share for tally in tallies):.0%} of points EIL at the start; largest gap {gap:.1e} radii; "
+        f"{len(failures)} failures"
+    )
+    slow = sum(tally.slow for tally in tallies) / sum(tally.steps for tally in tallies)
+    return CaseResult(rows, slow, note=note, failures=failures[:5])
+
+
+def run(seed: int, layers: int, tally: Tally) -> None:
+    """Run the stack of `seed` and count it in `tally`."""
+    march, share = stack(seed, layers)
+    tally.least_share = min(tally.least_share, share)
+    tally.coincident += has_coincident_nodes(march)
+    try:
+        for attempt in march.attempts(STEPS * STEP):
+            if isclose(attempt.h, STEP):
+                tally.steps += 1
+                tally.slow += not attempt.report.accepted or attempt.report.newton_iterations > NEWTON
+            if attempt.report.accepted:
+                tally.gap = max(tally.gap, attempt.report.contact_gap)
+        if not all(np.isfinite(values).all() for values in vars(march.state).values()):
+            tally.failures.append(f"seed {seed}: not a number")
+    except (StepTooSmall, ZeroDivisionError, np.linalg.LinAlgError) as error:
+        tally.failures.append(f"seed {seed}: {type(error).__name__} at {march.time:.4f} s: {error}")
+
+
+def stack(seed: int, layers: int) -> tuple[March, float]:
+    """Return the first stack drawn from `seed` with enough EIL points, and their share."""
+    random = np.random.default_rng([seed, layers])
+    while True:
+        march = March(scene(random, layers))
+        trial = march.state.copy()
+        assign(march.model, trial, march.built.settings.safety_distance, STEP)
+        share = observe.counts(march.model, trial)["eil"] / march.model.point_count
+        if share >= SHARE:
+            return march, share
+
+
+def has_coincident_nodes(march: March) -> bool:
+    """Whether two nodes lie at exactly the same place of one yarn."""
+    places = np.column_stack([march.model.node_yarn, march.state.u])
+    return len(np.unique(places, axis=0)) < len(places)
+
+
+def scene(random: np.random.Generator, layers: int) -> dict:
+    """Return a stack on a lowest patch that is held at its edges; gravity presses it together, at random incline."""
+    angle, place = 0.0, np.zeros(2)
+    fabrics: list[dict] = []
+    for layer in range(layers):
+        if layer > 0:
+            turn, shift = _placed_on(random)
+            along = np.array([cos(radians(angle)), sin(radians(angle))])
+            place = place + shift[0] * along + shift[1] * np.array([-along[1], along[0]])
+            angle = (angle + turn) % 360.0
+        warps, wefts = random.integers(4, 6, size=2)
+        fabrics.append({
+            "name": f"layer-{layer}", "material": "cotton-thick", "warps": int(warps), "wefts": int(wefts),
+            "spacing": SPACING, "position": [*place, 0.0], "rotation": [0.0, 0.0, angle],
+            "friction": random.uniform(), "pins": "none" if layer else "edges",
+        })
+    down = random.normal(size=3) * [1.0, 1.0, 0.0] - [0.0, 0.0, 2.0]
+    return {
+        "strandline": 1, "name": "degenerate", "gravity": (EARTH * down / np.linalg.norm(down)).tolist(),
+        "duration": 1.0, "step": {"default": STEP}, "fabrics": fabrics,
+        "contacts": [
+            {"lower": f"layer-{layer}", "upper": f"layer-{layer + 1}", "min_angle": random.choice([10.0, 45.0]),
+             "friction": random.choice([0.0, random.uniform()])}
+            for layer in range(layers - 1)
+        ],
+    }
+
+
+def _placed_on(random: np.random.Generator) -> tuple[float, np.ndarray]:
+    """Return angle [deg] and offset [m] of a layer in the frame of the one below: yarns on yarns, nearly so, or any."""
+    likeness = random.integers(3)
+    quarter = 90.0 * random.integers(4)
+    if likeness == 0:
+        return quarter, random.integers(-1, 2, size=2) * SPACING
+    if likeness == 1:
+        return quarter + random.uniform(-5.0, 5.0), random.uniform(-0.1, 0.1, size=2) * SPACING
+    return random.uniform(0.0, 360.0), random.uniform(-1.5, 1.5, size=2) * SPACING
