@@ -6,6 +6,7 @@ from time import perf_counter
 import numpy as np
 
 from engine.arrays import Floats
+from engine.scene.materials import PRESETS
 from engine.validate.catalogue import CaseResult, Row, case
 from engine.validate.eol_march import March
 from engine.validate.rods import EARTH
@@ -23,8 +24,7 @@ DIRECTIONS = (0.0, 90.0, 180.0, 270.0)  # along the yarns of the fixed patch, do
 DIAGONAL = 45.0
 
 # the thick cotton of the presets without drag of the air, which Coulomb's law does not know
-COTTON = {"radius": 2.25e-3, "volume_density": 770.0, "youngs_modulus": 5e5, "bending_modulus": 1e4,
-          "stretch_damping": 1e-3}
+COTTON = PRESETS["cotton-thick"].model_dump(exclude_none=True) | {"mass_damping": 0.0}
 
 
 @case("eol-incline", bar=0.02, summary="a woven patch on a fixed one slides above tan a = mu with g (sin a - mu cos a)")
