@@ -14,7 +14,7 @@ from time import perf_counter
 import numpy as np
 
 import engine
-from engine.bench.suite import Measurement, benchmark
+from engine.bench.suite import Measurement, benchmark, median_seconds
 from engine.linalg.block_matrix import BLOCK
 from engine.scene.build import Built, build
 from engine.scene.load import load_scene
@@ -150,20 +150,25 @@ def against_peer(crossings: int) -> Iterator[Measurement]:
     system.settings = replace(system.settings, linear_tolerance=1e-8)
     x, u = steps.state.x, steps.state.u
     _, gradient = potential.gradient(x, u)
-    watch = system.watch
-    direction, iterations = system.direction(x, u, gradient)
-    seconds = watch.laps["factor"] + watch.laps["solve"]
+    samples = []
+    for _ in range(3):
+        system.watch.laps.clear()
+        direction, iterations = system.direction(x, u, gradient)
+        samples.append(system.watch.laps["factor"] + system.watch.laps["solve"])
     a = bsr_array((system.hessian.block, system.hessian.column, system.hessian.start))
     b = -gradient.ravel()
     residual = float(np.linalg.norm(b - a @ direction.ravel()) / np.linalg.norm(b))
 
-    began = perf_counter()
     peer_residuals: list[float] = []
-    solver = pyamg.smoothed_aggregation_solver(a)
-    solver.solve(b, tol=residual, accel="cg", maxiter=1000, residuals=peer_residuals)
-    peer_seconds = perf_counter() - began
+
+    def peer() -> None:
+        peer_residuals.clear()
+        solver = pyamg.smoothed_aggregation_solver(a)
+        solver.solve(b, tol=residual, accel="cg", maxiter=1000, residuals=peer_residuals)
+
+    peer_seconds = median_seconds(peer, repeats=3)
     yield Measurement(
-        "linear system", crossings_of(steps.model), seconds, "crossings", peer="pyamg smoothed aggregation",
+        "linear system", crossings_of(steps.model), median(samples), "crossings", peer="pyamg smoothed aggregation",
         peer_seconds=peer_seconds, error=residual,
         details={"cg": iterations, "peer_cg": len(peer_residuals) - 1,
                  "peer_error": float(peer_residuals[-1] / np.linalg.norm(b))},
