@@ -5,8 +5,8 @@ from typing import Protocol
 import numpy as np
 from numba import njit
 
-from engine.linalg.block_matrix import BlockMatrix
 from engine.arrays import Floats
+from engine.linalg.block_matrix import BlockMatrix
 
 
 class Preconditioner(Protocol):

@@ -26,7 +26,9 @@ class IncrementalPotential:
         first, second = model.point_nodes.T
         node_scale = yarn_scale[model.node_yarn]
         point_scale = np.maximum(node_scale[first], np.where(second >= 0, node_scale[second], 0.0))
-        self.constraint_stiffness = settings.constraint_factor * point_scale
+        # next to stretch, the constraint must outweigh inertia, which a small step makes large
+        inertia_scale = np.max(model.density * model.rest_segment, initial=0.0) / (h * h)
+        self.constraint_stiffness = settings.constraint_factor * point_scale + 10.0 * inertia_scale
         self.friction_stiffness = settings.friction_factor * node_scale
         self.hold = settings.gauge * node_scale
         self.obstacle_stiffness = settings.obstacle_factor * point_scale

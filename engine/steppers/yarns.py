@@ -142,6 +142,9 @@ class YarnStepper:
             start.normal_force)
         pulling = start.normal_force < -s.separation_force * self.weight
         start.pulling_steps = np.where(pulling, start.pulling_steps + 1, 0)
+        untouched = np.ones(m.point_count, np.bool_)
+        untouched[potential.touching] = False
+        start.obstacle_force[untouched], start.obstacle_anchor[untouched] = 0.0, x[untouched]
         if len(potential.touching):
             o = self.obstacles
             deepest = obstacle_contact.settle(

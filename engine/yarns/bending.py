@@ -9,6 +9,7 @@ from numba import njit
 
 from engine.linalg.block_matrix import locate
 
+SHORTEST = 1e-100  # length of an edge whose ends coincide: its square is no zero yet [m]
 STRAIGHT = 1e-9  # sine of the angle below which the plane of bending is arbitrary
 
 # how the edges a = x0 - x-, b = x+ - x0 and the span D = u+ - u- depend on the three nodes
@@ -104,7 +105,7 @@ def _bend(x, a, i, b, t, s, n, m):
         s[k] = x[b, k] - x[i, k]
         la += t[k] * t[k]
         lb += s[k] * s[k]
-    la, lb = max(np.sqrt(la), 1e-300), max(np.sqrt(lb), 1e-300)
+    la, lb = max(np.sqrt(la), SHORTEST), max(np.sqrt(lb), SHORTEST)
     cosine = sine = 0.0
     for k in range(3):
         t[k] /= la

@@ -55,7 +55,6 @@ def strain(model: YarnModel, state: YarnState) -> Floats:
 def counts(model: YarnModel, state: YarnState) -> dict[str, int]:
     """Return how many points there are of each kind, as Table 1 of Sánchez-Banderas 2020 counts them."""
     states = node_states(model, state)
-    eol = states == NodeState.EOL
     outer = np.isin(model.point_kind, (PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE))
     return dict(
         lagrangian=int(np.sum(states == NodeState.LAGRANGIAN)),

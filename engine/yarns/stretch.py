@@ -21,16 +21,16 @@ def add_gradient(chain, after, node_yarn, node_point, stiffness, damping, h, x0,
         if j < 0:
             continue
         y = node_yarn[i]
-        l, du = _segment(x, u, node_point, i, j, d)
-        lam = l / du
+        length, du = _segment(x, u, node_point, i, j, d)
+        lam = length / du
         tension = stiffness[y] * (lam - 1.0)
         energy += 0.5 * stiffness[y] * du * (lam - 1.0) ** 2
         f_x = tension
         f_u = 0.5 * stiffness[y] * (lam * lam - 1.0)
         if damping[y] > 0.0:
-            l0, du0 = _rest(x0, u0, node_point, i, j)
-            rate = damping[y] * stiffness[y] * du0 / h * (lam - l0 / du0)
-            energy += 0.5 * rate * (lam - l0 / du0)
+            length0, du0 = _rest(x0, u0, node_point, i, j)
+            rate = damping[y] * stiffness[y] * du0 / h * (lam - length0 / du0)
+            energy += 0.5 * rate * (lam - length0 / du0)
             f_x += rate / du
             f_u += rate * lam / du
         for k in range(3):
@@ -53,17 +53,17 @@ def add_hessian(
         if j < 0:
             continue
         y = node_yarn[i]
-        l, du = _segment(x, u, node_point, i, j, d)
-        lam = l / du
+        length, du = _segment(x, u, node_point, i, j, d)
+        lam = length / du
         along = stiffness[y] / du
         tension = stiffness[y] * (lam - 1.0)
         damped = 0.0
         if damping[y] > 0.0:
-            l0, du0 = _rest(x0, u0, node_point, i, j)
+            length0, du0 = _rest(x0, u0, node_point, i, j)
             rate = damping[y] * stiffness[y] * du0 / h
             along += rate / (du * du)
-            damped = rate * (lam - l0 / du0) / du
-        across = (tension + damped) / l
+            damped = rate * (lam - length0 / du0) / du
+        across = (tension + damped) / length
         if convex:
             across, damped = max(across, 0.0), 0.0
         for k in range(3):
@@ -91,20 +91,20 @@ def add_hessian(
 def _segment(x, u, node_point, i, j, d):
     """Length and material length of segment (i, j); its direction is written to d."""
     p, q = node_point[i], node_point[j]
-    l = 0.0
+    length = 0.0
     for k in range(3):
         d[k] = x[q, k] - x[p, k]
-        l += d[k] * d[k]
-    l = max(np.sqrt(l), 1e-300)
+        length += d[k] * d[k]
+    length = max(np.sqrt(length), 1e-100)
     for k in range(3):
-        d[k] /= l
-    return l, u[j] - u[i]
+        d[k] /= length
+    return length, u[j] - u[i]
 
 
 @njit(cache=True)
 def _rest(x0, u0, node_point, i, j):
     p, q = node_point[i], node_point[j]
-    l = 0.0
+    length = 0.0
     for k in range(3):
-        l += (x0[q, k] - x0[p, k]) ** 2
-    return np.sqrt(l), u0[j] - u0[i]
+        length += (x0[q, k] - x0[p, k]) ** 2
+    return np.sqrt(length), u0[j] - u0[i]

@@ -30,7 +30,10 @@ def assign(model: YarnModel, state: YarnState, safety_distance: float, h: float)
     on the segment until the contact has passed.
     """
     kink = kinks(model, state, chain_of(model, state.order, state.eil, state.active))
-    _assign(model.node_start, model.rest_segment, model.kinematic, model.node_point, standing(model), kink, state.active, state.u, state.u_rate, h, safety_distance, state.order, state.eil)
+    # in whole millionths of a radius, so that round-off does not decide between straight yarns
+    kink = np.round(kink / (1e-6 * model.radius[model.node_yarn]))
+    _assign(model.node_start, model.rest_segment, model.kinematic, model.node_point, standing(model), kink, state.active,
+            state.u, state.u_rate, h, safety_distance, state.order, state.eil)
 
 
 def standing(model: YarnModel) -> Ints:
