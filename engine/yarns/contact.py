@@ -1,8 +1,8 @@
 """The contact constraint at EIL nodes, as a soft one (Sánchez-Banderas 2020, secs. 3.3 and 4.2).
 
 An EIL node b between its EoL neighbours a and c stands at X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a).
-With g = X - X_partner - o the energy is m.g + k_c |g|^2 / 2; the partner is the EoL node or the fixed object at the same point, or
-another EIL node. The force on X reaches the free coordinates through the Jacobian of the interpolation.
+With g = X - X_partner - o the energy is m.g + k_c |g|^2 / 2; the partner is the EoL node or the fixed object at
+the same point, or another EIL node. The force on X reaches the free coordinates through the Jacobian of the interpolation.
 
 k_c makes the linear systems hard when it is large. So it is moderate, and where the gap that is left exceeds its
 tolerance the multiplier m takes over the force, m <- m + k_c g, and Newton goes on (augmented Lagrangian).
