@@ -25,6 +25,7 @@ class JobEvent(StrEnum):
     CLAIM = "claim"  # a supervisor takes it to run it
     SUCCEED = "succeed"  # its worker ended well
     FAIL = "fail"  # its worker gave up, for a reason that another attempt would meet again
+    ADVANCE = "advance"  # its worker got further than any before it: the deaths so far were not the job's doing
     LOSE = "lose"  # its worker or supervisor died
     RELEASE = "release"  # its supervisor stopped the worker, as the service closes or the user asked
     CANCEL = "cancel"  # the user asks for its end
@@ -35,7 +36,7 @@ class Life:
     """All that decides what may happen to a job next."""
 
     state: JobState = JobState.QUEUED
-    attempts: int = 0  # times it was claimed and not given back unharmed
+    attempts: int = 0  # times it was claimed since it last got further, and not given back unharmed
     max_attempts: int = 3
     cancel_requested: bool = False
 
@@ -57,6 +58,8 @@ def transition(life: Life, event: JobEvent) -> Life:
             return replace(life, state=JobState.CANCELLED, cancel_requested=True)
         case JobState.RUNNING, JobEvent.CANCEL:
             return replace(life, cancel_requested=True)  # the supervisor stops the worker, then releases or loses it
+        case JobState.RUNNING, JobEvent.ADVANCE:
+            return replace(life, attempts=1)
         case JobState.RUNNING, JobEvent.SUCCEED:
             return replace(life, state=JobState.SUCCEEDED)
         case JobState.RUNNING, JobEvent.FAIL:

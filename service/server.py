@@ -108,7 +108,7 @@ class _Http(uvicorn.Server):
 
 def viewer_command(data: Path, port: int) -> list[str]:
     """Return the command of the browser viewer on a data directory."""
-    return [sys.executable, "-m", "viewer.live", "--data", str(data), "--host", DEFAULT_HOST, "--port", str(port)]
+    return [sys.executable, "-P", "-m", "viewer.live", "--data", str(data), "--host", DEFAULT_HOST, "--port", str(port)]
 
 
 def listen(host: str, port: int, option: str) -> socket.socket:

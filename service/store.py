@@ -245,9 +245,16 @@ class Store:
     # what workers write
 
     def report_progress(self, job: str, fence: int, progress: dict[str, Any]) -> None:
-        """Publish how far a job is; raises `LeaseLost`."""
+        """Publish how far a job is; raises `LeaseLost`.
+
+        `progress["frame"]` counts frames; where it passes that of all earlier attempts, the attempts count anew.
+        """
         with self._transaction() as connection:
             self._held(connection, job, fence)
+            furthest = (self._get(connection, job).progress or {}).get("furthest", 0)
+            if progress.get("frame", 0) > furthest:
+                self._apply(connection, job, JobEvent.ADVANCE)
+            progress = {**progress, "furthest": max(furthest, progress.get("frame", 0))}
             connection.execute("UPDATE jobs SET progress = ? WHERE id = ?", (json.dumps(progress), job))
             self._event(connection, job, "progress", progress)
             self._trim(connection, job, "progress")

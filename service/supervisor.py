@@ -28,7 +28,7 @@ EXIT_SUCCEEDED = 0
 EXIT_FAILED = 3  # the simulation gave up: another attempt would meet the same
 EXIT_STOPPED = 75  # stopped as asked, with a checkpoint
 
-WORKER = (sys.executable, "-m", "service.worker")
+WORKER = (sys.executable, "-P", "-m", "service.worker")  # -P: a module of the working directory must not get in
 
 log = logging.getLogger(__name__)
 

@@ -119,7 +119,9 @@ class YarnAssembly:
     def build(self) -> tuple[YarnModel, YarnState]:
         """Pack everything, at least one point; nodes are stored yarn after yarn, by u at the start, all at rest."""
         node = {name: np.concatenate([block[name] for block in self.nodes]) for name in self.nodes[0]}
-        stored = np.lexsort((node["slot"], node["point"], node["u"], node["yarn"]))
+        # at the very ends of a yarn its end node comes first or last, whatever else is there
+        outermost = np.where(node["fixed"], np.sign(node["u"] - 1e-12), 0.0)
+        stored = np.lexsort((node["slot"], node["point"], outermost, node["u"], node["yarn"]))
         node_yarn, node_point, node_slot = (node[name][stored].astype(np.int64) for name in ("yarn", "point", "slot"))
         u = node["u"][stored].astype(float)
         point = {name: np.concatenate([block[name] for block in self.points]) for name in self.points[0]}

@@ -101,7 +101,8 @@ def test_yarns_of_a_crossing_lie_on_their_own_sides():
     lifts = yarn_lifts(synthetic.scene(), model)
     drawn = lay_out(frame, model, lifts)
     nodes = model.point_nodes[frame.node_points]
-    crossings = np.flatnonzero(model.point_kind[frame.node_points] == PointKind.CROSSING)
+    crossings = np.flatnonzero(
+        (model.point_kind[frame.node_points] == PointKind.CROSSING) & (frame.node_states == NodeState.EOL))
     for point in crossings[::7]:
         heights = []
         for node in nodes[point]:

@@ -38,7 +38,7 @@ def unbroken(tmp_path_factory):
 
 def test_the_run_is_worth_comparing(unbroken):
     report, _, directory = unbroken
-    assert report["counts"]["eil_max"] > 0 and report["time"]["steps"] == 50
+    assert report["counts"]["eil_max"] > 0 and report["time"]["steps"] >= 50
     first, last = (read_frame(frame_paths(directory)[index]) for index in (0, -1))
     assert last.index == 10 and abs(last.yarns.u - first.yarns.u).max() > 1e-5
 
