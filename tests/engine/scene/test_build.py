@@ -204,7 +204,7 @@ def test_materials():
     thick = yarn_material(PRESETS["cotton-thick"])
     area = np.pi * 2.25e-3**2
     assert thick.density == pytest.approx(770 * area) and thick.stretch_stiffness == pytest.approx(5e5 * area)
-    assert thick.bending_stiffness == pytest.approx(1e4 * np.pi * 2.25e-3**4 / 4)
+    assert thick.bending_stiffness == pytest.approx(1e5 * np.pi * 2.25e-3**4 / 4)
     own = built(fabrics=[cloth(weft_material="m")],
                 materials={"m": {"radius": 1e-3, "linear_density": 2e-3, "stretch_stiffness": 3.0}}).yarns
     assert own.radius[[3, 4]].tolist() == [2.25e-3, 1e-3] and own.stretch_stiffness[4] == 3.0
