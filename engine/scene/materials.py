@@ -14,7 +14,7 @@ _AT_MOST = ("bending_stiffness", "bending_modulus")
 
 
 class Material(Part):
-    """What a yarn is made of. Damping, and stiffness in bending, are zero where they are not given."""
+    """What a yarn is made of. Damping, and stiffness in bending and shear, are zero where not given."""
 
     radius: Annotated[float, Field(ge=1e-7, le=10)]
     """Radius R [m]."""
@@ -30,6 +30,9 @@ class Material(Part):
     """k_b = E I [N m^2]; this or `bending_modulus` or neither."""
     bending_modulus: NotNegative | None = None
     """E [Pa], for k_b = E pi R^4/4; far below Young's modulus in yarns, whose fibres slide on each other."""
+    shear_stiffness: NotNegative = 0.0
+    """k_x [N], with which crossings within a fabric hold each pair of a warp and a weft segment at right angles: a fabric of
+    shear rigidity G [N/m] has k_x = G spacing / 4. Where neighbouring yarns meet, shear jams."""
     mass_damping: NotNegative = 0.0
     """Damping alpha [1/s] of all motion."""
     stretch_damping: NotNegative = 0.0
@@ -45,16 +48,17 @@ class Material(Part):
         return self
 
 
+# shear rigidity of plain cotton cloth is about 1 gf/(cm deg) = 56 N/m on Kawabata's tester (KES-F): k_x = 56 N/m spacing / 4
 PRESETS = {
     # the radius of the tablecloths of Sánchez-Banderas 2020; cotton of which half the volume is air
     "cotton-thick": Material(
         radius=2.25e-3, volume_density=770.0, youngs_modulus=5e5, bending_modulus=1e5,
-        mass_damping=0.1, stretch_damping=1e-3,
+        shear_stiffness=0.08, mass_damping=0.1, stretch_damping=1e-3,
     ),
     # the yarn of published research code on woven cloth, for a spacing of 1 mm
     "cotton-fine": Material(
         radius=0.5e-3, linear_density=2e-3, youngs_modulus=5e5, bending_modulus=1.6e3,
-        mass_damping=0.1, stretch_damping=1e-3,
+        shear_stiffness=0.014, mass_damping=0.1, stretch_damping=1e-3,
     ),
 }
 
@@ -77,5 +81,5 @@ def yarn_material(material: Material) -> YarnMaterial:
     assert density is not None and stretch is not None  # the validator saw to it
     return YarnMaterial(
         radius=material.radius, density=density, stretch_stiffness=stretch, bending_stiffness=bending or 0.0,
-        mass_damping=material.mass_damping, stretch_damping=material.stretch_damping,
+        shear_stiffness=material.shear_stiffness, mass_damping=material.mass_damping, stretch_damping=material.stretch_damping,
     )

@@ -6,7 +6,7 @@ from engine.arrays import Floats, Ints
 from engine.contact import obstacles as obstacle_contact
 from engine.contact.obstacles import Obstacles
 from engine.linalg.block_matrix import BLOCK, BlockMatrix, with_pattern
-from engine.yarns import bending, constraints, contact, friction, inertia, normal_force, stretch
+from engine.yarns import bending, constraints, contact, friction, inertia, normal_force, shear, stretch
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain
@@ -38,6 +38,8 @@ class IncrementalPotential:
         has_eil = state.eil[first] | ((second >= 0) & state.eil[second])
         self.split = np.flatnonzero(state.active & has_eil & (model.point_kind != PointKind.LAGRANGIAN))
         self.interpolated = np.flatnonzero(state.active & constraints.interpolated(model, state))
+        self.sheared = shear.sheared(model, state)
+        self.shear_stiffness, self.free_angle = shear.stiffness(model), shear.free_angle(model)
         self.stretch_at_start = np.ones(model.node_count)
         normal_force.stretches(np.flatnonzero(active_node), chain.before, chain.after, model.node_point, self.x0, self.u0,
                                self.stretch_at_start)
@@ -80,6 +82,8 @@ class IncrementalPotential:
         energy += stretch.add_gradient(c.node, c.after, m.node_yarn, m.node_point, m.stretch_stiffness, m.stretch_damping,
                                        self.h, self.x0, self.u0, x, u, g)
         energy += bending.add_gradient(c.node, c.before, c.after, m.node_yarn, m.node_point, m.bending_stiffness, x, u, g)
+        energy += shear.add_gradient(self.sheared, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
+                                     self.shear_stiffness, self.free_angle, x, g)
         energy += contact.add_gradient(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
                                        self.constraint_stiffness, self.multiplier, self.offset, x, u, g, self.gap)
         return energy
@@ -139,7 +143,9 @@ class IncrementalPotential:
             for b in range(a):
                 different = member[a] != member[b]
                 pairs.append(np.column_stack([member[a][different], member[b][different]]))
-        return with_pattern(m.point_count, np.concatenate(pairs))
+        pairs.append(shear.pairs(m, c, self.sheared))
+        pairs = np.concatenate(pairs)
+        return with_pattern(m.point_count, pairs[pairs[:, 0] != pairs[:, 1]])
 
     def hessian(self, x: Floats, u: Floats, convex: bool, a: BlockMatrix) -> None:
         """Write the Hessian, with the constrained unknowns as identity, to `a`; if `convex`, a positive form of it."""
@@ -151,6 +157,8 @@ class IncrementalPotential:
                             m.stretch_damping, self.h, self.x0, self.u0, x, u, convex, a.start, a.column, a.block)
         bending.add_hessian(c.node, c.before, c.after, m.node_yarn, m.node_point, m.node_slot, m.bending_stiffness, x, u,
                             convex, a.start, a.column, a.block)
+        shear.add_hessian(self.sheared, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
+                          self.shear_stiffness, self.free_angle, x, convex, a.start, a.column, a.block)
         contact.add_hessian(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point, m.node_slot,
                             self.constraint_stiffness, self.multiplier, self.offset, x, u, convex, a.start, a.column, a.block)
         friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,

@@ -18,6 +18,7 @@ class YarnMaterial:
     density: float  # rho [kg/m]
     stretch_stiffness: float  # k_s [N]
     bending_stiffness: float = 0.0  # k_b [N m^2]
+    shear_stiffness: float = 0.0  # k_x [N], of crossings within a fabric
     mass_damping: float = 0.0  # alpha [1/s]
     stretch_damping: float = 0.0  # beta [s]
 
@@ -138,7 +139,7 @@ class YarnAssembly:
             fabric=yarn_values("fabric", np.int64),
             **{name: yarn_values(name) for name in (
                 "length", "rest_segment", "density", "radius", "stretch_stiffness", "bending_stiffness",
-                "mass_damping", "stretch_damping", "obstacle_distance")},
+                "shear_stiffness", "mass_damping", "stretch_damping", "obstacle_distance")},
             kinematic=yarn_values("kinematic", np.bool_),
             node_yarn=node_yarn, node_point=node_point, node_slot=node_slot,
             u_fixed=node["fixed"][stored],

@@ -48,6 +48,7 @@ class YarnModel:
     radius: Floats  # R [m], shape [Y]
     stretch_stiffness: Floats  # k_s = Y pi R^2 [N], shape [Y]
     bending_stiffness: Floats  # k_b = EI [N m^2], shape [Y]
+    shear_stiffness: Floats  # k_x per pair of warp and weft segments [N], shape [Y]
     mass_damping: Floats  # alpha [1/s], shape [Y]
     stretch_damping: Floats  # beta [s], shape [Y]
     kinematic: Flags  # a yarn whose shape is given: no inertia, no elasticity, shape [Y]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from engine.arrays import Floats
-from engine.yarns import bending, stretch
+from engine.yarns import bending, shear, stretch
 from engine.yarns.model import NodeState, PointKind, YarnModel, YarnState
 from engine.yarns.topology import Chain, chain_of
 
@@ -65,7 +65,7 @@ def counts(model: YarnModel, state: YarnState) -> dict[str, int]:
 
 
 def energies(model: YarnModel, state: YarnState, gravity: Floats) -> dict[str, float]:
-    """Return kinetic energy and potential energy (stretch, bending, weight) [J]; the weight's zero is at the origin."""
+    """Return kinetic energy and potential energy (stretch, bending, shear, weight) [J]; the weight's zero is at the origin."""
     chain = chain_now(model, state)
     i, j, du, rho = _segments(model, state, chain)
     a, b = state.velocity[i, 1], state.velocity[j, 0]
@@ -78,6 +78,8 @@ def energies(model: YarnModel, state: YarnState, gravity: Floats) -> dict[str, f
                                    no_damping, 1.0, state.x, state.u, state.x, state.u, unused)
     elastic += bending.add_gradient(chain.node, chain.before, chain.after, model.node_yarn, model.node_point,
                                     model.bending_stiffness, state.x, state.u, unused)
+    elastic += shear.add_gradient(shear.sheared(model, state), model.point_nodes, state.eil, chain.before, chain.after,
+                                  model.node_point, shear.stiffness(model), shear.free_angle(model), state.x, unused)
     return dict(kinetic=float(kinetic), potential=float(elastic + weight))
 
 

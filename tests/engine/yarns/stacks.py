@@ -17,8 +17,8 @@ from engine.yarns.topology import Chain, chain_of, standing
 H = 0.1
 SETTINGS = YarnSettings(
     constraint_factor=3.0, friction_factor=0.5, obstacle_factor=2.0, gauge=0.1, transition_time=0.3)
-MATERIAL = YarnMaterial(radius=0.1, density=1.3, stretch_stiffness=2.0, bending_stiffness=0.5, mass_damping=0.2,
-                        stretch_damping=0.3)
+MATERIAL = YarnMaterial(radius=0.1, density=1.3, stretch_stiffness=2.0, bending_stiffness=0.5, shear_stiffness=0.7,
+                        mass_damping=0.2, stretch_damping=0.3)
 GRAVITY = np.array([0.3, -0.2, -1.0])
 NO_OBSTACLES = Obstacles(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
 UP = np.array([0.0, 0.0, 1.0])

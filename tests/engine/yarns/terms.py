@@ -74,6 +74,10 @@ def without_bending(p):
     p.model = replace(p.model, bending_stiffness=0.0 * p.model.bending_stiffness)
 
 
+def without_shear(p):
+    p.sheared = NONE
+
+
 def without_contact(p):
     p.split = NONE
 
@@ -145,6 +149,7 @@ TERMS = [
     Term("inertia", without_mass, left_out=change_of_mass),
     Term("stretch", without_stretch, internal=True),
     Term("bending", without_bending, left_out=buckling_across, internal=True),
+    Term("shear", without_shear, internal=True),
     Term("contact", without_contact, internal=True),
     Term("friction", without_friction),
     Term("obstacles", without_obstacles, left_out=curvature_of_obstacles),
