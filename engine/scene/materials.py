@@ -48,7 +48,7 @@ class Material(Part):
         return self
 
 
-# shear rigidity of plain cotton cloth is about 1 gf/(cm deg) = 56 N/m on Kawabata's tester (KES-F): k_x = 56 N/m spacing / 4
+# light cotton cloth has a shear rigidity of the order of 1 gf/(cm deg) = 56 N/m (Kawabata): k_x = 56 N/m spacing / 4
 PRESETS = {
     # the radius of the tablecloths of Sánchez-Banderas 2020; cotton of which half the volume is air
     "cotton-thick": Material(

@@ -44,6 +44,8 @@ class Step(Part):
     """Time in which the gap of a contact that becomes EIL fades by 1/e [s]."""
     friction_factor: Positive = YarnSettings.friction_factor
     """Stiffness of friction anchors, over stretch stiffness / rest segment."""
+    parallel_factor: NotNegative = YarnSettings.parallel_factor
+    """Stiffness of contact between neighbouring parallel yarns of a fabric, over stretch stiffness / rest segment."""
     obstacle_factor: Positive = YarnSettings.obstacle_factor
     """Stiffness of contact with obstacles, over stretch stiffness / rest segment."""
     tolerance: Annotated[float, Field(gt=0, le=1)] = YarnSettings.tolerance

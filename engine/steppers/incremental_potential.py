@@ -6,7 +6,7 @@ from engine.arrays import Floats, Ints
 from engine.contact import obstacles as obstacle_contact
 from engine.contact.obstacles import Obstacles
 from engine.linalg.block_matrix import BLOCK, BlockMatrix, with_pattern
-from engine.yarns import bending, constraints, contact, friction, inertia, normal_force, shear, stretch
+from engine.yarns import bending, constraints, contact, friction, inertia, normal_force, parallel_contact, shear, stretch
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain
@@ -31,6 +31,7 @@ class IncrementalPotential:
         self.constraint_stiffness = settings.constraint_factor * point_scale + 10.0 * inertia_scale
         self.friction_stiffness = settings.friction_factor * node_scale
         self.hold = settings.gauge * node_scale
+        self.parallel_stiffness = settings.parallel_factor * node_scale
         self.obstacle_stiffness = settings.obstacle_factor * point_scale
 
         active_node = state.active[model.node_point]
@@ -40,6 +41,7 @@ class IncrementalPotential:
         self.interpolated = np.flatnonzero(state.active & constraints.interpolated(model, state))
         self.sheared = shear.sheared(model, state)
         self.shear_stiffness, self.free_angle = shear.stiffness(model), shear.free_angle(model)
+        self.parallel_pair, self.parallel_distance = parallel_contact.touching_pairs(model, state, chain)
         self.stretch_at_start = np.ones(model.node_count)
         normal_force.stretches(np.flatnonzero(active_node), chain.before, chain.after, model.node_point, self.x0, self.u0,
                                self.stretch_at_start)
@@ -84,6 +86,7 @@ class IncrementalPotential:
         energy += bending.add_gradient(c.node, c.before, c.after, m.node_yarn, m.node_point, m.bending_stiffness, x, u, g)
         energy += shear.add_gradient(self.sheared, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
                                      self.shear_stiffness, self.free_angle, x, g)
+        energy += parallel_contact.add_gradient(self.parallel_pair, self.parallel_distance, self.parallel_stiffness, u, g)
         energy += contact.add_gradient(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
                                        self.constraint_stiffness, self.multiplier, self.offset, x, u, g, self.gap)
         return energy
@@ -144,6 +147,7 @@ class IncrementalPotential:
                 different = member[a] != member[b]
                 pairs.append(np.column_stack([member[a][different], member[b][different]]))
         pairs.append(shear.pairs(m, c, self.sheared))
+        pairs.append(m.node_point[self.parallel_pair])
         pairs = np.concatenate(pairs)
         return with_pattern(m.point_count, pairs[pairs[:, 0] != pairs[:, 1]])
 
@@ -159,6 +163,8 @@ class IncrementalPotential:
                             convex, a.start, a.column, a.block)
         shear.add_hessian(self.sheared, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
                           self.shear_stiffness, self.free_angle, x, convex, a.start, a.column, a.block)
+        parallel_contact.add_hessian(self.parallel_pair, self.parallel_distance, self.parallel_stiffness, m.node_point,
+                                     m.node_slot, u, a.start, a.column, a.block)
         contact.add_hessian(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point, m.node_slot,
                             self.constraint_stiffness, self.multiplier, self.offset, x, u, convex, a.start, a.column, a.block)
         friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,

@@ -33,15 +33,15 @@ def normal_forces(
             continue
         i, j = point_nodes[p, 0], point_nodes[p, 1]
         if kind == EYELET or kind == EDGE:
-            _tangent(i, before, after, node_point, x, u, t0)
+            tangent(i, before, after, node_point, x, u, t0)
             along = square = 0.0
             for k in range(3):
                 along += contact_force[p, k] * t0[k]
                 square += contact_force[p, k] ** 2
             force[p] = np.sqrt(max(square - along * along, 0.0))
         elif kind == CROSSING or kind == CONTACT:
-            _tangent(i, before, after, node_point, x, u, t0)
-            _tangent(j, before, after, node_point, x, u, t1)
+            tangent(i, before, after, node_point, x, u, t0)
+            tangent(j, before, after, node_point, x, u, t1)
             length = 0.0
             for k in range(3):
                 n[k] = side[p] * (t0[(k + 1) % 3] * t1[(k + 2) % 3] - t0[(k + 2) % 3] * t1[(k + 1) % 3])
@@ -101,7 +101,7 @@ def _stretch(i, before, after, node_point, x, u):
 
 
 @njit(cache=True)
-def _tangent(i, before, after, node_point, x, u, t):
+def tangent(i, before, after, node_point, x, u, t):
     """Write the unit tangent of the yarn at node i: the bisector of its two segments."""
     for k in range(3):
         t[k] = 0.0

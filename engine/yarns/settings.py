@@ -12,6 +12,7 @@ class YarnSettings:
     gap_tolerance: float = 5e-4  # gap of EIL contacts that is left, in yarn radii
     transition_time: float = 1e-5  # in which the gap of a contact that becomes EIL fades by 1/e [s]; longer is smoother
     friction_factor: float = 0.1  # stiffness of friction anchors over k_s / rest segment
+    parallel_factor: float = 1.0  # stiffness of contact of parallel yarns of a fabric over k_s / rest segment
     obstacle_factor: float = 1.0  # stiffness of obstacle contact over k_s / rest segment
     tolerance: float = 1e-3  # residual force that ends Newton, relative to the force scale of the step
     max_newton: int = 30  # iterations after which the step is tried again with half the size

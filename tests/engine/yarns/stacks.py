@@ -135,12 +135,16 @@ def positions_of(model: YarnModel, *nodes: int) -> Ints:
 
 
 def _add_weaves(yarns, material, near, pinned=True):
-    """Add two weaves of four yarns; those of the second lie `near` and far from those of the first that they follow."""
+    """Add two weaves of four yarns; those of the second lie `near` and far from those of the first that they follow.
+
+    The yarns are so thick that neighbours touch.
+    """
+    material = replace(material, radius=2.0 * material.radius)
     warp, weft = (
         [[yarns.yarn(material, 2.0, 1.0, fabric, obstacle_distance=0.25) for _ in range(2)] for fabric in range(2)]
         for _ in range(2))
     shift = np.array([[0.0, 0.0], [near, 0.35]])
-    y_of, x_of = np.arange(2) - shift, np.arange(2) + shift  # places of warps and wefts
+    y_of, x_of = 0.7 * np.arange(2) - shift, 0.7 * np.arange(2) + shift  # places of warps and wefts
     for fabric in range(2):
         for k in range(2):
             for end in (0.0, 2.0):

@@ -78,6 +78,10 @@ def without_shear(p):
     p.sheared = NONE
 
 
+def without_parallel_contact(p):
+    p.parallel_pair = np.zeros((0, 2), np.int64)
+
+
 def without_contact(p):
     p.split = NONE
 
@@ -150,6 +154,7 @@ TERMS = [
     Term("stretch", without_stretch, internal=True),
     Term("bending", without_bending, left_out=buckling_across, internal=True),
     Term("shear", without_shear, internal=True),
+    Term("parallel contact", without_parallel_contact, internal=True),
     Term("contact", without_contact, internal=True),
     Term("friction", without_friction),
     Term("obstacles", without_obstacles, left_out=curvature_of_obstacles),
