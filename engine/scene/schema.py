@@ -42,6 +42,9 @@ class Step(Part):
     """Gap of EIL contacts that a step may leave, in yarn radii."""
     transition_time: Positive = YarnSettings.transition_time
     """Time in which the gap of a contact that becomes EIL fades by 1/e [s]."""
+    friction_law: Literal["isotropic", "box"] = YarnSettings.friction_law
+    """Friction between two yarns is limited in every direction alike, or (`box`) along each yarn by itself, up to sqrt 2
+    too strongly between them."""
     friction_factor: Positive = YarnSettings.friction_factor
     """Stiffness of friction anchors, over stretch stiffness / rest segment."""
     parallel_factor: NotNegative = YarnSettings.parallel_factor

@@ -6,7 +6,7 @@ from engine.arrays import Floats, Ints
 from engine.contact import obstacles as obstacle_contact
 from engine.contact.obstacles import Obstacles
 from engine.linalg.block_matrix import BLOCK, BlockMatrix, with_pattern
-from engine.yarns import bending, constraints, contact, friction, inertia, normal_force, parallel_contact, shear, stretch
+from engine.yarns import bending, constraints, contact, friction, friction_circle, inertia, normal_force, parallel_contact, shear, stretch
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain
@@ -21,6 +21,7 @@ class IncrementalPotential:
     ):
         """Freeze what stays constant within the step."""
         self.model, self.obstacles, self.state, self.chain, self.h = model, obstacles, state, chain, h
+        self.settings = settings
         self.x0, self.u0 = state.x.copy(), state.u.copy()
         yarn_scale = model.stretch_stiffness / model.rest_segment
         first, second = model.point_nodes.T
@@ -47,6 +48,7 @@ class IncrementalPotential:
                                self.stretch_at_start)
         pressing = np.maximum(state.normal_force, 0.0) * model.friction
         self.friction_limit = self.stretch_at_start * pressing[model.node_point]
+        self._share_friction(pressing)
         at_nodes = self.x0[model.node_point]
         self.prediction = inertia.predict(model, at_nodes, state.velocity, gravity, h)
         self.corner_force = inertia.corner_forces(model, chain, at_nodes, self.u0, state.u_rate, state.velocity)
@@ -63,6 +65,21 @@ class IncrementalPotential:
         self.multiplier = np.zeros((model.point_count, 3))
         self.multiplier[self.split] = state.contact_force[self.split]
         self.offset = np.exp(-h / settings.transition_time) * state.gap_offset
+
+    def _share_friction(self, limit: Floats) -> None:
+        """Let the isotropic law, where it is chosen, have the points on which two yarns slide; `limit` [P] is mu F_n."""
+        model, state = self.model, self.state
+        slides = np.zeros(model.node_count, np.bool_)
+        slides[self.sliding] = self.settings.friction_law == "isotropic"
+        first, second = model.point_nodes.T
+        self.rubbing = np.flatnonzero((second >= 0) & slides[first] & slides[second])
+        self.sliding_alone = self.sliding[~np.isin(model.node_point[self.sliding], self.rubbing)]
+        self.rubbing_limit = limit
+        self.rubbing_stiffness = np.minimum(self.friction_stiffness[first], self.friction_stiffness[second])
+        self.friction_limit[model.point_nodes[self.rubbing]] = 0.0
+        self.slope = np.zeros((model.node_count, 3))
+        friction_circle.slopes(self.rubbing, model.point_nodes, state.eil, self.chain.before, self.chain.after,
+                               model.node_point, self.x0, self.u0, self.slope)
 
     def _touching(self) -> Ints:
         """Points that may touch obstacles: those whose x moves with one fabric's material."""
@@ -97,6 +114,8 @@ class IncrementalPotential:
         energy = self.internal(x, u)
         energy += friction.add_gradient(self.sliding, self.friction_stiffness, self.friction_limit, self.state.anchor,
                                         self.hold, self.u0, u, self.by_node)
+        energy += friction_circle.add_gradient(self.rubbing, m.point_nodes, self.rubbing_stiffness, self.rubbing_limit,
+                                               self.slope, self.state.anchor, u, self.by_node)
         gradient = np.zeros((m.point_count, BLOCK))
         constraints.gather(m.node_point, m.node_slot, self.by_node, gradient)
         if len(self.touching):
@@ -169,6 +188,8 @@ class IncrementalPotential:
                             self.constraint_stiffness, self.multiplier, self.offset, x, u, convex, a.start, a.column, a.block)
         friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,
                              self.state.anchor, self.hold, u, a.diagonal, a.block)
+        friction_circle.add_hessian(self.rubbing, m.point_nodes, self.rubbing_stiffness, self.rubbing_limit, self.slope,
+                                    self.state.anchor, u, a.diagonal, a.block)
         if len(self.touching):
             obstacle_contact.add_hessian(
                 self.touching, o.kind, o.centre, o.rotation, o.size, o.friction, self.obstacle_distance,

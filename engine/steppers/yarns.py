@@ -10,7 +10,7 @@ from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.line_search import line_search, longest_update
 from engine.steppers.newton_system import NewtonSystem
 from engine.steppers.step_report import StepReport, Stopwatch
-from engine.yarns import contact, friction, inertia, normal_force, transition
+from engine.yarns import contact, friction, friction_circle, inertia, normal_force, transition
 from engine.yarns.handles import Handles
 from engine.yarns.model import YarnModel, YarnState
 from engine.yarns.removal import parted, remove
@@ -131,7 +131,9 @@ class YarnStepper:
                                               start.velocity, start.x[at], start.u, x[at], u)
         start.x_rate, start.u_rate = (x - start.x) / h, (u - start.u) / h
 
-        friction.drag_anchors(potential.sliding, potential.friction_stiffness, potential.friction_limit, u, start.anchor)
+        friction.drag_anchors(potential.sliding_alone, potential.friction_stiffness, potential.friction_limit, u, start.anchor)
+        friction_circle.drag_anchors(potential.rubbing, m.point_nodes, potential.rubbing_stiffness, potential.rubbing_limit,
+                                     potential.slope, u, start.anchor)
         potential.internal(x, u)
         start.contact_force, start.gap_offset = potential.contact_force(), potential.offset
         start.gap[:] = 0.0

@@ -40,7 +40,7 @@ def add_hessian(nodes, node_point, node_slot, spring, limit, anchor, hold, u, di
         s = 3 + node_slot[i]
         k = diagonal[node_point[i]]
         block[k, s, s] += hold[i]
-        if abs(u[i] - anchor[i]) <= limit[i] / spring[i]:
+        if abs(u[i] - anchor[i]) < limit[i] / spring[i]:
             block[k, s, s] += spring[i]
 
 

@@ -54,7 +54,7 @@ def normal_forces(
                 offset = radius[node_yarn[i]] + radius[node_yarn[j]]
                 for m in (i, j):
                     y = node_yarn[m]
-                    tension = stretch_stiffness[y] * (_stretch(m, before, after, node_point, x, u) - 1.0)
+                    tension = stretch_stiffness[y] * (stretch(m, before, after, node_point, x, u) - 1.0)
                     force[p] += 0.5 * _crimp_force(offset, rest_segment[y], bending_stiffness[y], tension)
 
 
@@ -81,14 +81,15 @@ def _crimp_force(offset, spacing, bending_stiffness, tension):
 
 
 @njit(cache=True)
-def stretches(nodes, before, after, node_point, x, u, stretch):
-    """Write the mean lambda of the two segments that meet at each of `nodes` to `stretch` [N]."""
+def stretches(nodes, before, after, node_point, x, u, of_node):
+    """Write the mean lambda of the two segments that meet at each of `nodes` to `of_node` [N]."""
     for i in nodes:
-        stretch[i] = _stretch(i, before, after, node_point, x, u)
+        of_node[i] = stretch(i, before, after, node_point, x, u)
 
 
 @njit(cache=True)
-def _stretch(i, before, after, node_point, x, u):
+def stretch(i, before, after, node_point, x, u):
+    """Mean lambda of the two segments that meet at node i."""
     total, count = 0.0, 0
     for a, b in ((before[i], i), (i, after[i])):
         if a >= 0 and b >= 0 and u[b] > u[a]:

@@ -90,6 +90,10 @@ def without_friction(p):
     p.sliding = NONE
 
 
+def without_friction_circle(p):
+    p.rubbing = NONE
+
+
 def without_obstacles(p):
     p.touching = NONE
 
@@ -157,5 +161,6 @@ TERMS = [
     Term("parallel contact", without_parallel_contact, internal=True),
     Term("contact", without_contact, internal=True),
     Term("friction", without_friction),
+    Term("friction circle", without_friction_circle),
     Term("obstacles", without_obstacles, left_out=curvature_of_obstacles),
 ]

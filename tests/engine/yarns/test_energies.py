@@ -56,8 +56,10 @@ def test_the_stacks_have_everything():
         assert set(eil[:, model.point_kind == kind].ravel()) == found  # how many of its nodes are EIL
     for seed, stack in enumerate(stacks):
         p, u = stack.potential(), perturbed(stack, seed)[1]
-        slips = np.abs(u - stack.state.anchor)[p.sliding] > (p.friction_limit / p.friction_stiffness)[p.sliding]
-        assert slips.any() and not slips.all()
+        off = np.abs(u - stack.state.anchor)
+        slips = off[p.sliding_alone] > (p.friction_limit / p.friction_stiffness)[p.sliding_alone]
+        both_slip = off[model.point_nodes[p.rubbing]].min(axis=1) > 2.0 * (p.rubbing_limit / p.rubbing_stiffness)[p.rubbing]
+        assert slips.any() and not slips.all() and both_slip.any() and not both_slip.all()
         assert len(p.touching) > 10
         assert set(stack.obstacles.kind) == set(ObstacleKind)
 

@@ -1,0 +1,107 @@
+"""Isotropic friction between two yarns: one limit on how far they have slid on each other, in every direction.
+
+With u and v the Eulerian coordinates of both yarns at a point, ubar and vbar their anchors and w = dx/du along each yarn,
+
+    s = w_A (u - ubar) - w_B (v - vbar)
+
+is the slip of the material of one yarn on the other. The step sees a Huber potential in |s|: a spring k_f |s|^2 / 2 up to
+the limit mu F_n, a constant force behind it. Two independent laws for u and v (`friction.py`) form a box instead, up to
+sqrt 2 too strong on its diagonal. Of two parallel yarns both anchors act in series, with mu F_n in total.
+
+F_n, w and the anchors stay those of the start of the step.
+"""
+
+import numpy as np
+from numba import njit
+
+from engine.yarns.normal_force import stretch, tangent
+
+
+@njit(cache=True)
+def slopes(points, point_nodes, eil, before, after, node_point, x, u, slope):
+    """Write w of both nodes of `points` to `slope` [N, 3]: an EIL node's of its segment, the mean of both at an EoL node."""
+    for p in points:
+        for i in point_nodes[p]:
+            if eil[i]:
+                a, b = before[i], after[i]
+                for k in range(3):
+                    slope[i, k] = (x[node_point[b], k] - x[node_point[a], k]) / (u[b] - u[a])
+            else:
+                tangent(i, before, after, node_point, x, u, slope[i])
+                scale = stretch(i, before, after, node_point, x, u)
+                for k in range(3):
+                    slope[i, k] *= scale
+
+
+@njit(cache=True)
+def add_gradient(points, point_nodes, spring, limit, slope, anchor, u, gradient):
+    """Add the gradient to `gradient` [N, 4] and return the energy [J].
+
+    `points` have two yarns that slide; `spring` k_f [N/m] and `limit` mu F_n [N] are [P], `slope` w [N, 3], `anchor`, u [N].
+    """
+    energy = 0.0
+    s = np.empty(3)
+    for p in points:
+        i, j = point_nodes[p, 0], point_nodes[p, 1]
+        slip = _slip(i, j, slope, anchor, u, s)
+        reach = limit[p] / spring[p]
+        if slip < reach:
+            energy += 0.5 * spring[p] * slip * slip
+            force = spring[p]
+        else:
+            energy += limit[p] * (slip - 0.5 * reach)
+            force = limit[p] / max(slip, 1e-300)
+        for k in range(3):
+            gradient[i, 3] += force * s[k] * slope[i, k]
+            gradient[j, 3] -= force * s[k] * slope[j, k]
+    return energy
+
+
+@njit(cache=True)
+def add_hessian(points, point_nodes, spring, limit, slope, anchor, u, diagonal, block):
+    """Add the second derivatives, nowhere negative, to the diagonal blocks: behind the limit only turning s costs."""
+    s = np.empty(3)
+    for p in points:
+        i, j = point_nodes[p, 0], point_nodes[p, 1]
+        slip = _slip(i, j, slope, anchor, u, s)
+        sticks = slip < limit[p] / spring[p]
+        rigidity = spring[p] if sticks else limit[p] / max(slip, 1e-300)
+        along_i = along_j = ii = ij = jj = 0.0
+        for k in range(3):
+            along_i += slope[i, k] * s[k] / max(slip, 1e-300)
+            along_j -= slope[j, k] * s[k] / max(slip, 1e-300)
+            ii += slope[i, k] * slope[i, k]
+            ij -= slope[i, k] * slope[j, k]
+            jj += slope[j, k] * slope[j, k]
+        if not sticks:
+            ii -= along_i * along_i
+            ij -= along_i * along_j
+            jj -= along_j * along_j
+        d = diagonal[p]
+        block[d, 3, 3] += rigidity * ii
+        block[d, 3, 4] += rigidity * ij
+        block[d, 4, 3] += rigidity * ij
+        block[d, 4, 4] += rigidity * jj
+
+
+@njit(cache=True)
+def drag_anchors(points, point_nodes, spring, limit, slope, u, anchor):
+    """Move the anchors of what slid, along s, so that their springs pull with the limit."""
+    s = np.empty(3)
+    for p in points:
+        i, j = point_nodes[p, 0], point_nodes[p, 1]
+        slip = _slip(i, j, slope, anchor, u, s)
+        reach = limit[p] / spring[p]
+        if slip > reach:
+            anchor[i] = u[i] - reach / slip * (u[i] - anchor[i])
+            anchor[j] = u[j] - reach / slip * (u[j] - anchor[j])
+
+
+@njit(cache=True)
+def _slip(i, j, slope, anchor, u, s):
+    """Write s and return its length."""
+    square = 0.0
+    for k in range(3):
+        s[k] = slope[i, k] * (u[i] - anchor[i]) - slope[j, k] * (u[j] - anchor[j])
+        square += s[k] * s[k]
+    return np.sqrt(square)
