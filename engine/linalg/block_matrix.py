@@ -1,18 +1,21 @@
 """Sparse symmetric matrices of dense 5 x 5 blocks, in compressed rows.
 
 One block row holds the five unknowns of one point. The pattern is built once per discretisation and refilled at every
-Newton iteration; an unknown that takes no part is kept as an identity row, so nothing is ever resized
-(Sánchez-Banderas 2020, sec. 4.3).
+Newton iteration; an unknown that takes no part is kept as an identity row (Sánchez-Banderas 2020, sec. 4.3). Rows stand in
+strips (`engine.linalg.strips`), so that what works on rows can do so in parallel.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
+from numpy.typing import DTypeLike
 
 from engine.arrays import Floats, Ints
+from engine.linalg.strips import Strips, permuted, strips_of
 
 BLOCK = 5
+CHUNK = 512  # rows that are one piece of work
 
 
 @dataclass
@@ -22,7 +25,8 @@ class BlockMatrix:
     start: Ints  # blocks of row i are start[i] ... start[i+1]-1, shape [n+1]
     column: Ints  # block column of each block, shape [nnz]
     diagonal: Ints  # position of each row's diagonal block, shape [n]
-    block: Floats  # values, shape [nnz, 5, 5]
+    block: Floats  # values, single or double precision, shape [nnz, 5, 5]
+    strips: Strips  # of rows
 
     @property
     def rows(self) -> int:
@@ -34,10 +38,17 @@ class BlockMatrix:
         multiply(self.start, self.column, self.block, x, out)
 
 
-def with_pattern(rows: int, pairs: Ints) -> BlockMatrix:
-    """Return a zero matrix with the diagonal and both blocks of every pair in `pairs` [m, 2] (repeats allowed)."""
-    start, column, diagonal = _pattern(rows, pairs)
-    return BlockMatrix(start, column, diagonal, np.zeros((len(column), BLOCK, BLOCK)))
+def with_pattern(rows: int, pairs: Ints, dtype: DTypeLike = np.float64) -> tuple[BlockMatrix, Ints]:
+    """Return a zero matrix with the diagonal and both blocks of every pair in `pairs` [m, 2] (repeats allowed).
+
+    Its rows are renumbered to stand in strips; the second result is the new number of every row, shape [rows].
+    """
+    start, column = _pattern(rows, pairs)
+    order, strips = strips_of(start, column)
+    number = np.empty(rows, np.int64)
+    number[order] = np.arange(rows)
+    start, column, diagonal = permuted(start, column, order, number)
+    return BlockMatrix(start, column, diagonal, np.zeros((len(column), BLOCK, BLOCK), dtype), strips), number
 
 
 @njit(cache=True)
@@ -59,27 +70,23 @@ def _pattern(rows, pairs):
         filled[i] += 1
         column[filled[j]] = i
         filled[j] += 1
-    unique = np.empty_like(column)
+    end = 0
     unique_start = np.zeros(rows + 1, np.int64)
-    diagonal = np.empty(rows, np.int64)
-    k = 0
     for i in range(rows):
-        row = column[start[i] : start[i + 1]]
-        for a in range(1, len(row)):
-            value = row[a]
-            b = a - 1
-            while b >= 0 and row[b] > value:
-                row[b + 1] = row[b]
-                b -= 1
-            row[b + 1] = value
-        for a in range(len(row)):
-            if a == 0 or row[a] != row[a - 1]:
-                if row[a] == i:
-                    diagonal[i] = k
-                unique[k] = row[a]
-                k += 1
-        unique_start[i + 1] = k
-    return unique_start, unique[:k].copy(), diagonal
+        first = end
+        for k in range(start[i], start[i + 1]):  # insertion of what is new; rows are short
+            value = column[k]
+            at = end
+            while at > first and column[at - 1] > value:
+                at -= 1
+            if at > first and column[at - 1] == value:
+                continue
+            for m in range(end, at, -1):
+                column[m] = column[m - 1]
+            column[at] = value
+            end += 1
+        unique_start[i + 1] = end
+    return unique_start, column[:end].copy()
 
 
 @njit(cache=True, inline="never")
@@ -95,21 +102,23 @@ def locate(start, column, i, j):
     return low
 
 
-@njit(cache=True)
+@njit(cache=True, parallel=True)
 def multiply(start, column, block, x, out):
     """Matrix-vector product, row after row."""
-    for i in range(len(out)):
-        s0 = s1 = s2 = s3 = s4 = 0.0
-        for k in range(start[i], start[i + 1]):
-            j = column[k]
-            x0, x1, x2, x3, x4 = x[j, 0], x[j, 1], x[j, 2], x[j, 3], x[j, 4]
-            s0 += block[k, 0, 0] * x0 + block[k, 0, 1] * x1 + block[k, 0, 2] * x2 + block[k, 0, 3] * x3 + block[k, 0, 4] * x4
-            s1 += block[k, 1, 0] * x0 + block[k, 1, 1] * x1 + block[k, 1, 2] * x2 + block[k, 1, 3] * x3 + block[k, 1, 4] * x4
-            s2 += block[k, 2, 0] * x0 + block[k, 2, 1] * x1 + block[k, 2, 2] * x2 + block[k, 2, 3] * x3 + block[k, 2, 4] * x4
-            s3 += block[k, 3, 0] * x0 + block[k, 3, 1] * x1 + block[k, 3, 2] * x2 + block[k, 3, 3] * x3 + block[k, 3, 4] * x4
-            s4 += block[k, 4, 0] * x0 + block[k, 4, 1] * x1 + block[k, 4, 2] * x2 + block[k, 4, 3] * x3 + block[k, 4, 4] * x4
-        out[i, 0] = s0
-        out[i, 1] = s1
-        out[i, 2] = s2
-        out[i, 3] = s3
-        out[i, 4] = s4
+    rows = len(out)
+    for chunk in prange((rows + CHUNK - 1) // CHUNK):
+        for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, rows)):
+            s0 = s1 = s2 = s3 = s4 = 0.0
+            for k in range(start[i], start[i + 1]):
+                j, b = column[k], block[k]
+                x0, x1, x2, x3, x4 = x[j, 0], x[j, 1], x[j, 2], x[j, 3], x[j, 4]
+                s0 += b[0, 0] * x0 + b[0, 1] * x1 + b[0, 2] * x2 + b[0, 3] * x3 + b[0, 4] * x4
+                s1 += b[1, 0] * x0 + b[1, 1] * x1 + b[1, 2] * x2 + b[1, 3] * x3 + b[1, 4] * x4
+                s2 += b[2, 0] * x0 + b[2, 1] * x1 + b[2, 2] * x2 + b[2, 3] * x3 + b[2, 4] * x4
+                s3 += b[3, 0] * x0 + b[3, 1] * x1 + b[3, 2] * x2 + b[3, 3] * x3 + b[3, 4] * x4
+                s4 += b[4, 0] * x0 + b[4, 1] * x1 + b[4, 2] * x2 + b[4, 3] * x3 + b[4, 4] * x4
+            out[i, 0] = s0
+            out[i, 1] = s1
+            out[i, 2] = s2
+            out[i, 3] = s3
+            out[i, 4] = s4

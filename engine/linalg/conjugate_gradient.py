@@ -3,10 +3,10 @@
 from typing import Protocol
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from engine.arrays import Floats
-from engine.linalg.block_matrix import BlockMatrix
+from engine.linalg.block_matrix import CHUNK, BlockMatrix
 
 
 class Preconditioner(Protocol):
@@ -51,28 +51,36 @@ def conjugate_gradient(
     return max_iterations, True
 
 
-@njit(cache=True)
+@njit(cache=True, parallel=True)
 def dot(a, b):
-    """Inner product of two block vectors, in one fixed order."""
-    s = 0.0
-    for i in range(a.shape[0]):
-        for k in range(a.shape[1]):
-            s += a[i, k] * b[i, k]
-    return s
+    """Inner product of two block vectors: sums over fixed chunks of rows, then their sum in order."""
+    rows = len(a)
+    chunks = (rows + CHUNK - 1) // CHUNK
+    partial = np.zeros(chunks)
+    for chunk in prange(chunks):
+        s = 0.0
+        for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, rows)):
+            for k in range(a.shape[1]):
+                s += a[i, k] * b[i, k]
+        partial[chunk] = s
+    total = 0.0
+    for chunk in range(chunks):
+        total += partial[chunk]
+    return total
 
 
-@njit(cache=True)
+@njit(cache=True, parallel=True)
 def advance(alpha, p, q, x, r):
     """x += alpha p and r -= alpha q."""
-    for i in range(x.shape[0]):
+    for i in prange(x.shape[0]):
         for k in range(x.shape[1]):
             x[i, k] += alpha * p[i, k]
             r[i, k] -= alpha * q[i, k]
 
 
-@njit(cache=True)
+@njit(cache=True, parallel=True)
 def turn(beta, z, p):
     """p = z + beta p."""
-    for i in range(p.shape[0]):
+    for i in prange(p.shape[0]):
         for k in range(p.shape[1]):
             p[i, k] = z[i, k] + beta * p[i, k]

@@ -1,136 +1,117 @@
-"""Block incomplete Cholesky factors without fill, in a chosen order of elimination, as a preconditioner."""
+"""Block incomplete Cholesky factors without fill, in the strips of a matrix, as a preconditioner."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from engine.arrays import Floats, Ints
 from engine.linalg.block_matrix import BLOCK, BlockMatrix
 
 FIRST_SHIFT = 1e-3
 LARGEST_SHIFT = 1.0
-
-
-@dataclass
-class Elimination:
-    """The lower pattern of a matrix under an order of elimination."""
-
-    row: Ints  # the row that is eliminated at each position, shape [n]
-    start: Ints  # blocks of position i are start[i] ... start[i+1]-1, shape [n+1]
-    column: Ints  # position of each block's column, ascending in each row, shape [m]
-    source: Ints  # where the block stands in the matrix, shape [m]
-
-
-def elimination(a: BlockMatrix, row: Ints) -> Elimination:
-    """Return the lower pattern of `a` when its rows are eliminated in the order `row`, a permutation [n]."""
-    return Elimination(row, *_lower_pattern(a.start, a.column, row))
+LEAST_PIVOT = 1e-6  # of the original diagonal: less is lost to round-off of single precision
 
 
 @dataclass
 class IncompleteCholesky:
-    """L with A ~ L L^T on the lower pattern of A; the diagonal blocks are stored as their inverses."""
+    """L with A ~ L L^T on the lower pattern of A; the diagonal blocks are stored as their inverses.
 
-    order: Elimination
-    lower: Floats  # blocks left of the diagonal, shape [m, 5, 5]
+    The blocks of row i left of the diagonal are lower[start[i]] ... lower[start[i+1]-1], in the order of A's columns.
+    """
+
+    matrix: BlockMatrix  # A, whose pattern this shares
+    start: Ints  # shape [n+1]
+    lower: Floats  # shape [m, 5, 5]
     inverse: Floats  # inverses of the diagonal blocks, shape [n, 5, 5]
-    shift: float
+    shift: float = 0.0
 
     def solve(self, b: Floats, out: Floats) -> None:
         """Write (L L^T)^-1 b into out, both [n, 5]."""
-        _solve(self.order.row, self.order.start, self.order.column, self.lower, self.inverse, b, out)
+        a = self.matrix
+        _solve(a.strips.start, a.strips.reds, a.start, a.column, self.start, self.lower, self.inverse, b, out)
 
 
-def factorise(a: BlockMatrix, order: Elimination) -> IncompleteCholesky | None:
-    """Factorise a symmetric matrix on its own pattern; None where it is too far from positive definite.
+def incomplete_cholesky(a: BlockMatrix) -> IncompleteCholesky:
+    """Return room for the factor of a matrix, for `factorise` to fill."""
+    start = np.concatenate([[0], np.cumsum(a.diagonal - a.start[:-1])])
+    lower = np.empty((int(start[-1]), BLOCK, BLOCK), a.block.dtype)
+    return IncompleteCholesky(a, start, lower, np.empty((a.rows, BLOCK, BLOCK), a.block.dtype))
+
+
+def factorise(factor: IncompleteCholesky) -> bool:
+    """Factorise the present values of the factor's matrix; false where it is too far from positive definite.
 
     Dropping fill can lose positive definiteness; the factorisation is then repeated for A + shift diag(A) with a
     growing shift.
     """
-    lower = np.empty((len(order.column), BLOCK, BLOCK))
-    inverse = np.empty((a.rows, BLOCK, BLOCK))
-    shift = 0.0
-    position = np.full(a.rows, -1, np.int64)
-    while not _factorise(order.row, order.start, order.column, order.source, a.diagonal, a.block, shift, lower, inverse,
-                         position):
-        shift = max(FIRST_SHIFT, 4.0 * shift)
-        if shift > LARGEST_SHIFT:
-            return None
-    return IncompleteCholesky(order, lower, inverse, shift)
+    a = factor.matrix
+    factor.shift = 0.0
+    failed = np.zeros(len(a.strips.start) - 1, np.bool_)
+    while True:
+        _factorise(a.strips.start, a.strips.reds, a.start, a.column, a.diagonal, a.block, a.block.dtype.type(factor.shift),
+                   factor.start, factor.lower, factor.inverse, failed)
+        if not failed.any():
+            return True
+        factor.shift = max(FIRST_SHIFT, 4.0 * factor.shift)
+        if factor.shift > LARGEST_SHIFT:
+            return False
+
+
+@njit(cache=True, parallel=True)
+def _factorise(strip, reds, start, column, diagonal, block, shift, lower_start, lower, inverse, failed):
+    for s in prange(reds):
+        failed[s] = not _factorise_rows(
+            strip[s], strip[s + 1], start, column, diagonal, block, shift, lower_start, lower, inverse)
+    for s in prange(reds, len(strip) - 1):
+        failed[s] = not _factorise_rows(
+            strip[s], strip[s + 1], start, column, diagonal, block, shift, lower_start, lower, inverse)
 
 
 @njit(cache=True)
-def _lower_pattern(start, column, row):
-    n = len(row)
-    place = np.empty(n, np.int64)
-    for i in range(n):
-        place[row[i]] = i
-    lower_start = np.zeros(n + 1, np.int64)
-    for i in range(n):
-        count = 0
-        for k in range(start[row[i]], start[row[i] + 1]):
-            if place[column[k]] < i:
-                count += 1
-        lower_start[i + 1] = lower_start[i] + count
-    lower_column = np.empty(lower_start[n], np.int64)
-    source = np.empty(lower_start[n], np.int64)
-    for i in range(n):
-        first = lower_start[i]
-        end = first
-        for k in range(start[row[i]], start[row[i] + 1]):
-            j = place[column[k]]
-            if j < i:
-                m = end
-                while m > first and lower_column[m - 1] > j:
-                    lower_column[m], source[m] = lower_column[m - 1], source[m - 1]
-                    m -= 1
-                lower_column[m], source[m] = j, k
-                end += 1
-    return lower_start, lower_column, source
-
-
-@njit(cache=True)
-def _factorise(row, start, column, source, diagonal, block, shift, lower, inverse, position):
-    position[:] = -1
-    pivot = np.empty((BLOCK, BLOCK))
-    for i in range(len(row)):
-        first, last = start[i], start[i + 1]
-        d = diagonal[row[i]]
+def _factorise_rows(first, last, start, column, diagonal, block, shift, lower_start, lower, inverse):
+    pivot = np.empty((BLOCK, BLOCK), block.dtype)
+    for i in range(first, last):
+        d = diagonal[i]
         for r in range(BLOCK):
             for c in range(BLOCK):
                 pivot[r, c] = block[d, r, c]
-            pivot[r, r] *= 1.0 + shift
-        for k in range(first, last):
-            position[column[k]] = k
-        for k in range(first, last):
-            j = column[k]
-            lower[k] = block[source[k]]
-            for m in range(start[j], start[j + 1]):
-                p = position[column[m]]
-                if p >= 0:
-                    for r in range(BLOCK):
-                        for c in range(BLOCK):
-                            s = 0.0
-                            for t in range(BLOCK):
-                                s += lower[p, r, t] * lower[m, c, t]
-                            lower[k, r, c] -= s
+            pivot[r, r] += shift * block[d, r, r]
+        left = lower_start[i]
+        for k in range(start[i], d):
+            j, here = column[k], lower[left + k - start[i]]
+            here[:] = block[k]
+            # what rows i and j have in common left of column j
+            a, b = start[i], start[j]
+            while a < k and b < diagonal[j]:
+                if column[a] < column[b]:
+                    a += 1
+                elif column[a] > column[b]:
+                    b += 1
+                else:
+                    _subtract(lower[left + a - start[i]], lower[lower_start[j] + b - start[j]], here)
+                    a += 1
+                    b += 1
+            inv = inverse[j]
             for r in range(BLOCK):  # L_ij = (...) L_jj^-T, in place from the last column
                 for c in range(BLOCK - 1, -1, -1):
-                    s = 0.0
-                    for t in range(c + 1):
-                        s += lower[k, r, t] * inverse[j, c, t]
-                    lower[k, r, c] = s
-            for r in range(BLOCK):
-                for c in range(r + 1):
-                    s = 0.0
-                    for t in range(BLOCK):
-                        s += lower[k, r, t] * lower[k, c, t]
-                    pivot[r, c] -= s
-        for k in range(first, last):
-            position[column[k]] = -1
+                    s = here[r, c] * inv[c, c]
+                    for t in range(c):
+                        s += here[r, t] * inv[c, t]
+                    here[r, c] = s
+            _subtract(here, here, pivot)
         if not _inverse_factor(pivot, block[d], inverse[i]):
             return False
     return True
+
+
+@njit(cache=True)
+def _subtract(a, b, out):
+    """out -= a b^T."""
+    for r in range(BLOCK):
+        a0, a1, a2, a3, a4 = a[r, 0], a[r, 1], a[r, 2], a[r, 3], a[r, 4]
+        for c in range(BLOCK):
+            out[r, c] -= a0 * b[c, 0] + a1 * b[c, 1] + a2 * b[c, 2] + a3 * b[c, 3] + a4 * b[c, 4]
 
 
 @njit(cache=True)
@@ -140,7 +121,7 @@ def _inverse_factor(pivot, original, inverse):
         s = pivot[c, c]
         for t in range(c):
             s -= pivot[c, t] * pivot[c, t]
-        if not s > 1e-10 * original[c, c]:
+        if not s > LEAST_PIVOT * original[c, c]:
             return False
         pivot[c, c] = np.sqrt(s)
         for r in range(c + 1, BLOCK):
@@ -153,44 +134,62 @@ def _inverse_factor(pivot, original, inverse):
             inverse[r, c] = 0.0
         inverse[c, c] = 1.0 / pivot[c, c]
         for r in range(c + 1, BLOCK):
-            s = 0.0
-            for t in range(c, r):
-                s -= pivot[r, t] * inverse[t, c]
-            inverse[r, c] = s / pivot[r, r]
+            s = pivot[r, c] * inverse[c, c]
+            for t in range(c + 1, r):
+                s += pivot[r, t] * inverse[t, c]
+            inverse[r, c] = -s / pivot[r, r]
     return True
 
 
+@njit(cache=True, parallel=True)
+def _solve(strip, reds, start, column, lower_start, lower, inverse, b, out):
+    strips = len(strip) - 1
+    for s in prange(reds):
+        _forward(strip[s], strip[s + 1], start, column, lower_start, lower, inverse, b, out)
+    for s in prange(reds, strips):
+        _forward(strip[s], strip[s + 1], start, column, lower_start, lower, inverse, b, out)
+    for s in prange(reds, strips):
+        _backward(strip[s], strip[s + 1], start, column, lower_start, lower, inverse, out)
+    for s in prange(reds):
+        _backward(strip[s], strip[s + 1], start, column, lower_start, lower, inverse, out)
+
+
 @njit(cache=True)
-def _solve(row, start, column, lower, inverse, b, out):
-    n = len(row)
-    y = np.empty(BLOCK)
-    for i in range(n):
-        for r in range(BLOCK):
-            y[r] = b[row[i], r]
-        for k in range(start[i], start[i + 1]):
-            j = row[column[k]]
-            for r in range(BLOCK):
-                s = 0.0
-                for c in range(BLOCK):
-                    s += lower[k, r, c] * out[j, c]
-                y[r] -= s
-        for r in range(BLOCK):
-            s = 0.0
-            for c in range(r + 1):
-                s += inverse[i, r, c] * y[c]
-            out[row[i], r] = s
-    for i in range(n - 1, -1, -1):
-        for r in range(BLOCK):
-            s = 0.0
-            for c in range(r, BLOCK):
-                s += inverse[i, c, r] * out[row[i], c]
-            y[r] = s
-        for r in range(BLOCK):
-            out[row[i], r] = y[r]
-        for k in range(start[i], start[i + 1]):
-            j = row[column[k]]
-            for c in range(BLOCK):
-                s = 0.0
-                for r in range(BLOCK):
-                    s += lower[k, r, c] * y[r]
-                out[j, c] -= s
+def _forward(first, last, start, column, lower_start, lower, inverse, b, out):
+    for i in range(first, last):
+        y0, y1, y2, y3, y4 = b[i, 0], b[i, 1], b[i, 2], b[i, 3], b[i, 4]
+        for k in range(lower_start[i], lower_start[i + 1]):
+            j, m = column[start[i] + k - lower_start[i]], lower[k]
+            x0, x1, x2, x3, x4 = out[j, 0], out[j, 1], out[j, 2], out[j, 3], out[j, 4]
+            y0 -= m[0, 0] * x0 + m[0, 1] * x1 + m[0, 2] * x2 + m[0, 3] * x3 + m[0, 4] * x4
+            y1 -= m[1, 0] * x0 + m[1, 1] * x1 + m[1, 2] * x2 + m[1, 3] * x3 + m[1, 4] * x4
+            y2 -= m[2, 0] * x0 + m[2, 1] * x1 + m[2, 2] * x2 + m[2, 3] * x3 + m[2, 4] * x4
+            y3 -= m[3, 0] * x0 + m[3, 1] * x1 + m[3, 2] * x2 + m[3, 3] * x3 + m[3, 4] * x4
+            y4 -= m[4, 0] * x0 + m[4, 1] * x1 + m[4, 2] * x2 + m[4, 3] * x3 + m[4, 4] * x4
+        m = inverse[i]
+        out[i, 0] = m[0, 0] * y0
+        out[i, 1] = m[1, 0] * y0 + m[1, 1] * y1
+        out[i, 2] = m[2, 0] * y0 + m[2, 1] * y1 + m[2, 2] * y2
+        out[i, 3] = m[3, 0] * y0 + m[3, 1] * y1 + m[3, 2] * y2 + m[3, 3] * y3
+        out[i, 4] = m[4, 0] * y0 + m[4, 1] * y1 + m[4, 2] * y2 + m[4, 3] * y3 + m[4, 4] * y4
+
+
+@njit(cache=True)
+def _backward(first, last, start, column, lower_start, lower, inverse, out):
+    for i in range(last - 1, first - 1, -1):
+        x0, x1, x2, x3, x4 = out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4]
+        m = inverse[i]
+        y0 = m[0, 0] * x0 + m[1, 0] * x1 + m[2, 0] * x2 + m[3, 0] * x3 + m[4, 0] * x4
+        y1 = m[1, 1] * x1 + m[2, 1] * x2 + m[3, 1] * x3 + m[4, 1] * x4
+        y2 = m[2, 2] * x2 + m[3, 2] * x3 + m[4, 2] * x4
+        y3 = m[3, 3] * x3 + m[4, 3] * x4
+        y4 = m[4, 4] * x4
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = y0, y1, y2, y3, y4
+        # strictly backwards through memory, which processors foresee: the other way a row costs four times as much
+        for k in range(lower_start[i + 1] - 1, lower_start[i] - 1, -1):
+            j, m = column[start[i] + k - lower_start[i]], lower[k]
+            out[j, 0] -= m[0, 0] * y0 + m[1, 0] * y1 + m[2, 0] * y2 + m[3, 0] * y3 + m[4, 0] * y4
+            out[j, 1] -= m[0, 1] * y0 + m[1, 1] * y1 + m[2, 1] * y2 + m[3, 1] * y3 + m[4, 1] * y4
+            out[j, 2] -= m[0, 2] * y0 + m[1, 2] * y1 + m[2, 2] * y2 + m[3, 2] * y3 + m[4, 2] * y4
+            out[j, 3] -= m[0, 3] * y0 + m[1, 3] * y1 + m[2, 3] * y2 + m[3, 3] * y3 + m[4, 3] * y4
+            out[j, 4] -= m[0, 4] * y0 + m[1, 4] * y1 + m[2, 4] * y2 + m[3, 4] * y3 + m[4, 4] * y4

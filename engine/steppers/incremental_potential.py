@@ -1,12 +1,14 @@
 """The incremental potential of one implicit Euler step of yarns: the sum of its terms, with gradient and Hessian."""
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from engine.arrays import Floats, Ints
 from engine.contact import obstacles as obstacle_contact
 from engine.contact.obstacles import Obstacles
-from engine.linalg.block_matrix import BLOCK, BlockMatrix, with_pattern
-from engine.yarns import bending, constraints, contact, friction, friction_circle, inertia, normal_force, parallel_contact, shear, stretch
+from engine.linalg.block_matrix import BLOCK
+from engine.steppers.layout import Layout, lay_out, parts_of
+from engine.yarns import constraints, contact, friction, friction_circle, inertia, internal, normal_force, parallel_contact, shear
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain
@@ -41,6 +43,7 @@ class IncrementalPotential:
         self.split = np.flatnonzero(state.active & has_eil & (model.point_kind != PointKind.LAGRANGIAN))
         self.interpolated = np.flatnonzero(state.active & constraints.interpolated(model, state))
         self.sheared = shear.sheared(model, state)
+        self.parts = self.sheared_parts = np.zeros(1, np.int64)  # of both, for work at once: none before `lay_out`
         self.shear_stiffness, self.free_angle = shear.stiffness(model), shear.free_angle(model)
         self.parallel_pair, self.parallel_distance = parallel_contact.touching_pairs(model, state, chain)
         self.stretch_at_start = np.ones(model.node_count)
@@ -96,16 +99,15 @@ class IncrementalPotential:
         m, c = self.model, self.chain
         g = self.by_node
         g[:] = 0.0
-        energy = inertia.add_gradient(c.node, c.after, m.node_yarn, m.node_point, m.density, m.kinematic, self.h,
-                                      self.u0, self.prediction, self.corner_force, x, u, g)
-        energy += stretch.add_gradient(c.node, c.after, m.node_yarn, m.node_point, m.stretch_stiffness, m.stretch_damping,
-                                       self.h, self.x0, self.u0, x, u, g)
-        energy += bending.add_gradient(c.node, c.before, c.after, m.node_yarn, m.node_point, m.bending_stiffness, x, u, g)
-        energy += shear.add_gradient(self.sheared, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
-                                     self.shear_stiffness, self.free_angle, x, g)
+        energy = internal.add_gradient(
+            c.node, c.start, m.node_point, m.density, m.kinematic, m.stretch_stiffness, m.stretch_damping,
+            m.bending_stiffness, self.h, self.x0, self.u0, self.prediction, self.corner_force, x, u, g)
+        energy += shear.add_gradient_in_parts(self.sheared, self.sheared_parts, m.point_nodes, self.state.eil, c.before,
+                                              c.after, m.node_point, self.shear_stiffness, self.free_angle, x, g)
         energy += parallel_contact.add_gradient(self.parallel_pair, self.parallel_distance, self.parallel_stiffness, u, g)
-        energy += contact.add_gradient(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
-                                       self.constraint_stiffness, self.multiplier, self.offset, x, u, g, self.gap)
+        energy += contact.add_gradient_in_parts(
+            self.split, self.parts, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
+            self.constraint_stiffness, self.multiplier, self.offset, x, u, g, self.gap)
         return energy
 
     def gradient(self, x: Floats, u: Floats) -> tuple[float, Floats]:
@@ -136,17 +138,11 @@ class IncrementalPotential:
         force[self.split] = self.multiplier[self.split] + self.constraint_stiffness[self.split, None] * self.gap[self.split]
         return force
 
-    def elimination_order(self) -> Ints:
-        """Return all points, those with only EIL nodes first.
+    def lay_out(self, dtype: DTypeLike = np.float32, condense: bool = True) -> Layout:
+        """Return a linear system with the blocks that the terms of this step touch.
 
-        Those are condensed exactly: the blocks between their neighbours are in the pattern already.
+        Without `condense` every unknown keeps its place in it.
         """
-        later = np.ones(self.model.point_count, np.bool_)
-        later[self.interpolated] = False
-        return np.concatenate([self.interpolated, np.flatnonzero(later)])
-
-    def pattern(self) -> BlockMatrix:
-        """Return a zero matrix with the blocks that the terms of this step touch."""
         m, c = self.model, self.chain
         node, after = c.node, c.after
         ahead = node[after[node] >= 0]
@@ -155,44 +151,66 @@ class IncrementalPotential:
             np.column_stack([m.node_point[ahead], m.node_point[after[ahead]]]),
             np.column_stack([m.node_point[beyond], m.node_point[after[after[beyond]]]]),
         ]
-        first, second = m.point_nodes[self.split].T
-        member = [self.split]
-        for n in (first, second):
+        members, sheared = self._members(), shear.members(m, c, self.sheared)
+        for together in (members, sheared):
+            pairs += [together[:, [a, b]] for a in range(5) for b in range(a)]
+        pairs.append(m.node_point[self.parallel_pair])
+
+        condensed = np.zeros(0, np.int64)
+        if condense:
+            condensed = np.flatnonzero(constraints.interpolated(m, self.state)[self.split] &
+                                       (m.point_kind[self.split] == PointKind.CONTACT))
+        layout = lay_out(np.concatenate(pairs), np.flatnonzero(self.state.active), self.split[condensed],
+                         members[condensed, 1:], m.point_count, dtype)
+        order, self.parts = parts_of(layout, members)
+        self.split = self.split[order]
+        order, self.sheared_parts = parts_of(layout, sheared)
+        self.sheared = self.sheared[order]
+        self.band = np.empty((len(node), 3, 4, 4), dtype)
+        self.place = np.full(m.node_count, -1, np.int64)
+        self.place[node] = np.arange(len(node))
+        self.sliding_curvature = np.empty((m.point_count, 2, 2))
+        return layout
+
+    def _members(self) -> Ints:
+        """Points that the constraint at each of `split` touches: itself and the EoL nodes around it, shape [n, 5]."""
+        m, c = self.model, self.chain
+        members = [self.split]
+        for n in m.point_nodes[self.split].T:
             is_eil = (n >= 0) & self.state.eil[n]
             for neighbour in (c.before, c.after):
-                member.append(np.where(is_eil, m.node_point[neighbour[n]], self.split))
-        for a in range(len(member)):
-            for b in range(a):
-                different = member[a] != member[b]
-                pairs.append(np.column_stack([member[a][different], member[b][different]]))
-        pairs.append(shear.pairs(m, c, self.sheared))
-        pairs.append(m.node_point[self.parallel_pair])
-        pairs = np.concatenate(pairs)
-        return with_pattern(m.point_count, pairs[pairs[:, 0] != pairs[:, 1]])
+                members.append(np.where(is_eil, m.node_point[neighbour[n]], self.split))
+        return np.column_stack(members)
 
-    def hessian(self, x: Floats, u: Floats, convex: bool, a: BlockMatrix) -> None:
-        """Write the Hessian, with the constrained unknowns as identity, to `a`; if `convex`, a positive form of it."""
-        m, c, o = self.model, self.chain, self.obstacles
-        a.block[:] = 0.0
-        inertia.add_hessian(c.node, c.after, m.node_yarn, m.node_point, m.node_slot, m.density, m.kinematic, self.h,
-                            self.u0, self.prediction, u, a.start, a.column, a.block)
-        stretch.add_hessian(c.node, c.after, m.node_yarn, m.node_point, m.node_slot, m.stretch_stiffness,
-                            m.stretch_damping, self.h, self.x0, self.u0, x, u, convex, a.start, a.column, a.block)
-        bending.add_hessian(c.node, c.before, c.after, m.node_yarn, m.node_point, m.node_slot, m.bending_stiffness, x, u,
-                            convex, a.start, a.column, a.block)
-        shear.add_hessian(self.sheared, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
-                          self.shear_stiffness, self.free_angle, x, convex, a.start, a.column, a.block)
-        parallel_contact.add_hessian(self.parallel_pair, self.parallel_distance, self.parallel_stiffness, m.node_point,
-                                     m.node_slot, u, a.start, a.column, a.block)
-        contact.add_hessian(self.split, m.point_nodes, self.state.eil, c.before, c.after, m.node_point, m.node_slot,
-                            self.constraint_stiffness, self.multiplier, self.offset, x, u, convex, a.start, a.column, a.block)
+    def hessian(self, x: Floats, u: Floats, convex: bool, layout: Layout) -> bool:
+        """Write the Hessian, with the constrained unknowns as identity; if `convex`, a positive form of it.
+
+        Returns whether the condensed unknowns could be eliminated, whose block must be positive for that.
+        """
+        m, c, o, a = self.model, self.chain, self.obstacles, layout.matrix
+        internal.hessian(
+            c.node, c.start, m.node_point, m.density, m.kinematic, m.stretch_stiffness, m.stretch_damping,
+            m.bending_stiffness, self.h, self.x0, self.u0, self.prediction, x, u, convex, self.band)
+        self.sliding_curvature[:] = 0.0
         friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,
-                             self.state.anchor, self.hold, u, a.diagonal, a.block)
+                             self.state.anchor, self.hold, u, self.sliding_curvature)
         friction_circle.add_hessian(self.rubbing, m.point_nodes, self.rubbing_stiffness, self.rubbing_limit, self.slope,
-                                    self.state.anchor, u, a.diagonal, a.block)
+                                    self.state.anchor, u, self.sliding_curvature)
+        internal.gather(layout.point, layout.row, m.point_nodes, self.place, c.node, c.start, m.node_yarn, m.node_point,
+                        m.node_slot, self.band, self.sliding_curvature, a.start, a.column, a.block)
+        shear.add_hessian_in_parts(
+            self.sheared, self.sheared_parts, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
+            self.shear_stiffness, self.free_angle, x, convex, layout.row, a.start, a.column, a.block)
+        parallel_contact.add_hessian(self.parallel_pair, self.parallel_distance, self.parallel_stiffness, m.node_point,
+                                     m.node_slot, u, layout.row, a.start, a.column, a.block)
+        positive = contact.add_hessian_in_parts(
+            self.split, self.parts, m.point_nodes, self.state.eil, c.before, c.after, m.node_point, m.node_slot,
+            self.constraint_stiffness, self.multiplier, self.offset, x, u, convex, self.sliding_curvature, layout.row,
+            layout.condensed, a.start, a.column, a.block, layout.inverse, layout.coupling)
         if len(self.touching):
             obstacle_contact.add_hessian(
                 self.touching, o.kind, o.centre, o.rotation, o.size, o.friction, self.obstacle_distance,
-                self.obstacle_stiffness, self.state.obstacle_anchor, self.state.obstacle_force, self.x0, x, a.diagonal,
-                a.block)
-        constraints.project_hessian(self.constrained, self.projector, a.start, a.column, a.diagonal, a.block)
+                self.obstacle_stiffness, self.state.obstacle_anchor, self.state.obstacle_force, self.x0, x,
+                a.diagonal[layout.row], a.block)
+        constraints.project_hessian(self.constrained, self.projector, layout.point, a.start, a.column, a.diagonal, a.block)
+        return positive

@@ -4,40 +4,65 @@ import numpy as np
 
 from engine.arrays import Floats
 from engine.linalg.conjugate_gradient import conjugate_gradient
-from engine.linalg.incomplete_cholesky import elimination, factorise
+from engine.linalg.incomplete_cholesky import factorise, incomplete_cholesky
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.step_report import Stopwatch
+from engine.yarns import contact
 from engine.yarns.settings import YarnSettings
+
+STALE = 2  # times as many iterations as with a fresh factor end the use of an old one
 
 
 class NewtonSystem:
     """The Hessian of a step, whose pattern stays while its values change with the iterations."""
 
     def __init__(self, potential: IncrementalPotential, settings: YarnSettings, watch: Stopwatch):
-        """Lay out the matrix and its incomplete factor."""
+        """Lay out the matrix and its incomplete factor, both in single precision: a direction needs no more."""
         self.potential, self.settings, self.watch = potential, settings, watch
-        self.hessian = potential.pattern()
-        self.order = elimination(self.hessian, potential.elimination_order())
+        self.layout = potential.lay_out()
+        self.factor = incomplete_cholesky(self.layout.matrix)
+        self.fresh_iterations = 0  # that the last fresh factor took
+        self.usable: bool | None = None  # the factor is of this form of the Hessian, convex or not
 
     def direction(self, x: Floats, u: Floats, gradient: Floats) -> tuple[Floats, int]:
         """Return the Newton direction [P, 5] and the conjugate-gradient iterations it took.
 
         It solves H d = -g with the true Hessian or, where that is found indefinite, with its positive form.
         """
-        direction = np.empty_like(gradient)
         total = 0
         for convex in (False, True):
-            self.potential.hessian(x, u, convex, self.hessian)
+            positive = self.potential.hessian(x, u, convex, self.layout)
             self.watch.lap("assemble")
-            preconditioner = factorise(self.hessian, self.order)
-            self.watch.lap("factor")
-            if preconditioner is None:
+            if not positive:
                 continue
-            iterations, positive = conjugate_gradient(
-                self.hessian, -gradient, direction, preconditioner, self.settings.linear_tolerance,
-                self.settings.max_linear)
-            self.watch.lap("solve")
+            direction, iterations, positive = self._solve(convex, -gradient)
             total += iterations
             if positive:
                 return direction, total
         return -gradient, total
+
+    def _solve(self, convex: bool, load: Floats) -> tuple[Floats, int, bool]:
+        """Solve for a load [P, 5]; the last factor serves as long as it is of the same form and not much worse than fresh."""
+        layout = self.layout
+        fresh = self.usable is not convex
+        if fresh:
+            self.usable = convex if factorise(self.factor) else None
+            self.watch.lap("factor")
+            if self.usable is None:
+                return load, 0, False
+        reduced = load[layout.point]
+        contact.condense_load(layout.condensed_points, layout.condensed, layout.others, layout.row, layout.inverse,
+                              layout.coupling, load, reduced)
+        solution = np.empty_like(reduced)
+        iterations, positive = conjugate_gradient(
+            layout.matrix, reduced, solution, self.factor, self.settings.linear_tolerance, self.settings.max_linear)
+        if fresh:
+            self.fresh_iterations = iterations
+        if not positive or iterations > STALE * self.fresh_iterations:
+            self.usable = None
+        direction = np.zeros_like(load)
+        direction[layout.point] = solution
+        contact.expand(layout.condensed_points, layout.condensed, layout.others, layout.inverse, layout.coupling, load,
+                       direction)
+        self.watch.lap("solve")
+        return direction, iterations, positive

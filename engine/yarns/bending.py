@@ -7,8 +7,6 @@ for every number of segments.
 import numpy as np
 from numba import njit
 
-from engine.linalg.block_matrix import locate
-
 SHORTEST = 1e-100  # length of an edge whose ends coincide: its square is no zero yet [m]
 STRAIGHT = 1e-9  # sine of the angle below which the plane of bending is arbitrary
 
@@ -19,31 +17,33 @@ SPAN = (-1.0, 0.0, 1.0)
 
 
 @njit(cache=True)
-def add_gradient(chain, before, after, node_yarn, node_point, stiffness, x, u, gradient):
-    """Add the gradient to `gradient` [N, 4] and return the energy [J]."""
+def add_gradient(chain, node_point, stiffness, x, u, gradient):
+    """Add the gradient of one yarn to `gradient` [N, 4] and return its energy [J].
+
+    `chain` are the yarn's EoL nodes in order, `stiffness` is its k_b [N m^2].
+    """
     energy = 0.0
     t, s, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for i in chain:
-        a, b = before[i], after[i]
-        k_b = stiffness[node_yarn[i]]
-        if a < 0 or b < 0 or k_b == 0.0:
-            continue
+    for e in range(1, len(chain) - 1):
+        a, i, b = chain[e - 1], chain[e], chain[e + 1]
         la, lb, theta = _bend(x, node_point[a], node_point[i], node_point[b], t, s, n, m)
         span = u[b] - u[a]
-        energy += k_b * theta * theta / span
-        f = 2.0 * k_b * theta / span
+        energy += stiffness * theta * theta / span
+        f = 2.0 * stiffness * theta / span
         for k in range(3):
             gradient[a, k] += f / la * n[k]
             gradient[b, k] += f / lb * m[k]
             gradient[i, k] -= f * (n[k] / la + m[k] / lb)
-        gradient[a, 3] += k_b * theta * theta / (span * span)
-        gradient[b, 3] -= k_b * theta * theta / (span * span)
+        gradient[a, 3] += stiffness * theta * theta / (span * span)
+        gradient[b, 3] -= stiffness * theta * theta / (span * span)
     return energy
 
 
 @njit(cache=True)
-def add_hessian(chain, before, after, node_yarn, node_point, node_slot, stiffness, x, u, convex, start, column, block):
-    """Add the Hessian, exact but for the unstable mode across the plane of bending; if `convex`, its positive part.
+def add_hessian(chain, node_point, stiffness, x, u, convex, band):
+    """Add the Hessian of one yarn to its `band` [E, 3, 4, 4], blocks of each node with itself and the next two.
+
+    It is exact but for the unstable mode across the plane of bending; if `convex`, its positive part.
 
     With a and b the two edges, dtheta = m.db/|b| - n.da/|a|; theta also turns at second order with the stretch of an edge.
     Across the plane, tilts alpha of t and beta of s cost F (cos(theta) (alpha^2 + beta^2) / 2 - alpha beta) with
@@ -53,15 +53,12 @@ def add_hessian(chain, before, after, node_yarn, node_point, node_slot, stiffnes
     t, s, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     aa, ab, bb = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     a_span, b_span = np.empty(3), np.empty(3)
-    nodes = np.empty(3, np.int64)
     share = 0.5 if convex else 1.0
-    for i in chain:
-        if before[i] < 0 or after[i] < 0 or stiffness[node_yarn[i]] == 0.0:
-            continue
-        nodes[0], nodes[1], nodes[2] = before[i], i, after[i]
-        la, lb, theta = _bend(x, node_point[nodes[0]], node_point[i], node_point[nodes[2]], t, s, n, m)
-        span = u[nodes[2]] - u[nodes[0]]
-        along = 2.0 * stiffness[node_yarn[i]] / span
+    for e in range(1, len(chain) - 1):
+        first, i, last = chain[e - 1], chain[e], chain[e + 1]
+        la, lb, theta = _bend(x, node_point[first], node_point[i], node_point[last], t, s, n, m)
+        span = u[last] - u[first]
+        along = 2.0 * stiffness / span
         turn = along * theta
         tilt = 0.5 * along * (theta / np.sin(theta) if theta > STRAIGHT else 1.0) * (1.0 + np.cos(theta))
         for r in range(3):
@@ -79,17 +76,16 @@ def add_hessian(chain, before, after, node_yarn, node_point, node_slot, stiffnes
         span_span = share * share * turn * theta / (span * span)
         for p in range(3):
             ap, bp, dp = EDGE_A[p], EDGE_B[p], SPAN[p]
-            for q in range(3):
+            for q in range(p, 3):
                 aq, bq, dq = EDGE_A[q], EDGE_B[q], SPAN[q]
-                k = locate(start, column, node_point[nodes[p]], node_point[nodes[q]])
-                sp, sq = 3 + node_slot[nodes[p]], 3 + node_slot[nodes[q]]
+                block = band[e - 1 + p, q - p]
                 for r in range(3):
                     for c in range(3):
-                        block[k, r, c] += (
+                        block[r, c] += (
                             ap * aq * aa[r, c] + ap * bq * ab[r, c] + bp * aq * ab[c, r] + bp * bq * bb[r, c])
-                    block[k, r, sq] += (ap * a_span[r] + bp * b_span[r]) * dq
-                    block[k, sp, r] += (aq * a_span[r] + bq * b_span[r]) * dp
-                block[k, sp, sq] += dp * dq * span_span
+                    block[r, 3] += (ap * a_span[r] + bp * b_span[r]) * dq
+                    block[3, r] += (aq * a_span[r] + bq * b_span[r]) * dp
+                block[3, 3] += dp * dq * span_span
 
 
 @njit(cache=True)

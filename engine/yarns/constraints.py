@@ -1,11 +1,11 @@
 """Unknowns that take no part in a step: pinned, fixed, interpolated or removed.
 
 Each point has a projector S on its five unknowns. The gradient becomes S g and the Hessian S H S + (I - S): rows and
-columns of cancelled coordinates stay as identity and the system keeps its size (Sánchez-Banderas 2020, sec. 4.3).
+columns of cancelled coordinates stay as identity (Sánchez-Banderas 2020, sec. 4.3).
 """
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from engine.arrays import Flags, Floats
 from engine.linalg.block_matrix import BLOCK
@@ -56,31 +56,37 @@ def project_gradient(points, s, gradient):
                 gradient[p, r] += s[p, r, c] * g[c]
 
 
-@njit(cache=True)
-def project_hessian(constrained, s, start, column, diagonal, block):
-    """Apply S from both sides to every block that touches a constrained point (flags [P]), in place."""
-    left = np.empty((BLOCK, BLOCK))
-    for p in range(len(constrained)):
-        for k in range(start[p], start[p + 1]):
-            q = column[k]
-            if not (constrained[p] or constrained[q]):
-                continue
-            for r in range(BLOCK):
-                for c in range(BLOCK):
-                    left[r, c] = 0.0
-                    for m in range(BLOCK):
-                        left[r, c] += s[p, r, m] * block[k, m, c]
-            for r in range(BLOCK):
-                for c in range(BLOCK):
-                    total = 0.0
-                    for m in range(BLOCK):
-                        total += left[r, m] * s[q, m, c]
-                    block[k, r, c] = total
+@njit(cache=True, parallel=True)
+def project_hessian(constrained, s, point, start, column, diagonal, block):
+    """Apply S from both sides to every block that touches a constrained point (flags [P]), in place; `point` [R] has rows."""
+    for i in prange(len(point)):
+        p = point[i]
+        for k in range(start[i], start[i + 1]):
+            q = point[column[k]]
+            if constrained[p] or constrained[q]:
+                _project_block(s[p], s[q], block[k])
         if constrained[p]:
+            own = block[diagonal[i]]
             scale = 0.0  # a cancelled unknown gets the size of its neighbours' diagonal
             for r in range(BLOCK):
-                scale = max(scale, block[diagonal[p], r, r])
+                scale = max(scale, own[r, r])
             for r in range(BLOCK):
                 for c in range(BLOCK):
                     identity = 1.0 if r == c else 0.0
-                    block[diagonal[p], r, c] += max(scale, 1e-300) * (identity - s[p, r, c])
+                    own[r, c] += max(scale, 1e-30) * (identity - s[p, r, c])
+
+
+@njit(cache=True)
+def _project_block(left, right, block):
+    half = np.empty((BLOCK, BLOCK))
+    for r in range(BLOCK):
+        for c in range(BLOCK):
+            half[r, c] = 0.0
+            for m in range(BLOCK):
+                half[r, c] += left[r, m] * block[m, c]
+    for r in range(BLOCK):
+        for c in range(BLOCK):
+            total = 0.0
+            for m in range(BLOCK):
+                total += half[r, m] * right[m, c]
+            block[r, c] = total

@@ -13,7 +13,7 @@ o then fades.
 """
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from engine.linalg.block_matrix import BLOCK, locate
 from engine.yarns.model import PointKind, YarnModel, YarnState
@@ -83,17 +83,23 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
 @njit(cache=True)
 def add_hessian(
     points, point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier, offset, x, u, convex,
-    start, column, block,
+    sliding, row, condensed, start, column, block, inverse, coupling,
 ):
-    """Add k_c J^T J and, unless `convex`, (m + k_c g).d2X; J is the Jacobian of g in the unknowns of up to five points."""
-    jacobian = np.empty((5, 3, BLOCK))
+    """Add k_c J^T J and, unless `convex`, (m + k_c g).d2X; J is the Jacobian of g in the unknowns of up to five points.
+
+    A point with `condensed` >= 0 has no row: its two unknowns u are eliminated, with the second derivatives `sliding`
+    [P, 2, 2] of friction in them. condensed[p] is where the inverse [2, 2] of their own block and their `coupling` [2, 4, 5]
+    to the four other points are kept. Returns whether those blocks are positive definite.
+    """
+    index, value = np.empty((3, 12), np.int64), np.empty((3, 12))
+    local = np.empty((25, 25))
     point = np.empty(5, np.int64)
     place, w = np.empty((2, 3)), np.empty((2, 3))
     force = np.empty(3)
+    positive = True
     for p in points:
-        count = 1
+        count, entries = 1, 0
         point[0] = p
-        jacobian[:] = 0.0
         for side in range(2):
             n = point_nodes[p, side]
             sign = 1.0 if side == 0 else -1.0
@@ -103,53 +109,164 @@ def add_hessian(
                 s = (u[n] - u[a]) / (u[c] - u[a])
                 point[count], point[count + 1] = node_point[a], node_point[c]
                 for k in range(3):
-                    jacobian[0, k, 3 + side] = sign * w[side, k]
-                    jacobian[count, k, k] = sign * (1.0 - s)
-                    jacobian[count + 1, k, k] = sign * s
-                    jacobian[count, k, 3 + node_slot[a]] = -sign * (1.0 - s) * w[side, k]
-                    jacobian[count + 1, k, 3 + node_slot[c]] = -sign * s * w[side, k]
+                    index[k, entries], value[k, entries] = 3 + side, sign * w[side, k]
+                    index[k, entries + 1], value[k, entries + 1] = 5 * count + k, sign * (1.0 - s)
+                    index[k, entries + 2], value[k, entries + 2] = 5 * (count + 1) + k, sign * s
+                    index[k, entries + 3] = 5 * count + 3 + node_slot[a]
+                    value[k, entries + 3] = -sign * (1.0 - s) * w[side, k]
+                    index[k, entries + 4] = 5 * (count + 1) + 3 + node_slot[c]
+                    value[k, entries + 4] = -sign * s * w[side, k]
                 count += 2
+                entries += 5
             else:
                 for k in range(3):
-                    jacobian[0, k, k] = sign
+                    index[k, entries], value[k, entries] = k, sign
                     place[side, k] = x[p, k]
-        for a in range(count):
-            for b in range(count):
-                k = locate(start, column, point[a], point[b])
-                for r in range(BLOCK):
-                    for c in range(BLOCK):
-                        product = 0.0
-                        for m in range(3):
-                            product += jacobian[a, m, r] * jacobian[b, m, c]
-                        block[k, r, c] += stiffness[p] * product
+                entries += 1
+        size = 5 * count
+        local[:size, :size] = 0.0
+        for k in range(3):
+            for a in range(entries):
+                for b in range(entries):
+                    local[index[k, a], index[k, b]] += stiffness[p] * value[k, a] * value[k, b]
+        first = 1
         for side in range(2):
             n = point_nodes[p, side]
-            if n >= 0 and eil[n] and not convex:
-                sign = 1.0 if side == 0 else -1.0
-                for k in range(3):
-                    force[k] = sign * (multiplier[p, k] + stiffness[p] * (place[0, k] - place[1, k] - offset[p, k]))
-                _add_curvature(n, before[n], after[n], force, w[side], node_point, node_slot, u, start, column, block)
+            if n >= 0 and eil[n]:
+                if not convex:
+                    sign = 1.0 if side == 0 else -1.0
+                    for k in range(3):
+                        force[k] = sign * (multiplier[p, k] + stiffness[p] * (place[0, k] - place[1, k] - offset[p, k]))
+                    a, c = before[n], after[n]
+                    _add_curvature(5 * first, 3 + node_slot[a], 3 + side, 3 + node_slot[c],
+                                   (u[n] - u[a]) / (u[c] - u[a]), u[c] - u[a], force, w[side], local)
+                first += 2
+        if condensed[p] >= 0:
+            for r in range(2):
+                for c in range(2):
+                    local[3 + r, 3 + c] += sliding[p, r, c]
+            positive &= _condense(local, inverse[condensed[p]], coupling[condensed[p]])
+            _add_points(local, 1, count, point, row, start, column, block)
+        else:
+            _add_points(local, 0, count, point, row, start, column, block)
+    return positive
+
+
+@njit(cache=True, parallel=True)
+def add_gradient_in_parts(
+    points, part, point_nodes, eil, before, after, node_point, stiffness, multiplier, offset, x, u, gradient, gap
+):
+    """As `add_gradient`, with the parts points[part[s]:part[s+1]], which share no node, at once and the rest after them."""
+    parts = len(part) - 1
+    energy = np.zeros(parts)
+    for s in prange(parts):
+        energy[s] = add_gradient(points[part[s] : part[s + 1]], point_nodes, eil, before, after, node_point, stiffness,
+                                 multiplier, offset, x, u, gradient, gap)
+    total = add_gradient(points[part[parts] :], point_nodes, eil, before, after, node_point, stiffness, multiplier, offset,
+                         x, u, gradient, gap)
+    for s in range(parts):
+        total += energy[s]
+    return total
+
+
+@njit(cache=True, parallel=True)
+def add_hessian_in_parts(
+    points, part, point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier, offset, x, u, convex,
+    sliding, row, condensed, start, column, block, inverse, coupling,
+):
+    """As `add_hessian`, with the parts points[part[s]:part[s+1]], which share no row, at once and the rest after them."""
+    parts = len(part) - 1
+    positive = np.ones(parts + 1, np.bool_)
+    for s in prange(parts):
+        positive[s] = add_hessian(
+            points[part[s] : part[s + 1]], point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier,
+            offset, x, u, convex, sliding, row, condensed, start, column, block, inverse, coupling)
+    positive[parts] = add_hessian(
+        points[part[parts] :], point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier, offset, x, u,
+        convex, sliding, row, condensed, start, column, block, inverse, coupling)
+    return positive.all()
 
 
 @njit(cache=True)
-def _add_curvature(b, a, c, force, w, node_point, node_slot, u, start, column, block):
-    """Add force . d2X for X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a)."""
-    du = u[c] - u[a]
-    s = (u[b] - u[a]) / du
+def _add_points(local, first, count, point, row, start, column, block):
+    for a in range(first, count):
+        for b in range(first, count):
+            k = locate(start, column, row[point[a]], row[point[b]])
+            for r in range(BLOCK):
+                for c in range(BLOCK):
+                    block[k, r, c] += local[5 * a + r, 5 * b + c]
+
+
+@njit(cache=True)
+def _condense(local, inverse, coupling):
+    """Eliminate the unknowns 3 and 4 of a local matrix from those of the other four points."""
+    a, b, d = local[3, 3], local[3, 4], local[4, 4]
+    determinant = a * d - b * b
+    if not (a > 0.0 and determinant > 1e-12 * a * d):
+        return False
+    inverse[0, 0], inverse[0, 1], inverse[1, 0], inverse[1, 1] = (
+        d / determinant, -b / determinant, -b / determinant, a / determinant)
+    for j in range(5, 25):
+        q, c = j // 5 - 1, j % 5
+        coupling[0, q, c], coupling[1, q, c] = local[3, j], local[4, j]
+    for j in range(5, 25):
+        v0, v1 = local[3, j], local[4, j]
+        if v0 == 0.0 and v1 == 0.0:
+            continue
+        f0, f1 = inverse[0, 0] * v0 + inverse[0, 1] * v1, inverse[1, 0] * v0 + inverse[1, 1] * v1
+        for i in range(5, 25):
+            local[i, j] -= local[3, i] * f0 + local[4, i] * f1
+    return True
+
+
+@njit(cache=True)
+def condense_load(points, condensed, others, row, inverse, coupling, load, reduced):
+    """Take the load [P, 5] on the eliminated unknowns of `points` over to the rows of their `others` [C, 4]: `reduced` [R, 5]."""
+    for p in points:
+        e = condensed[p]
+        if e < 0:
+            continue
+        l0, l1 = load[p, 3], load[p, 4]
+        f0, f1 = inverse[e, 0, 0] * l0 + inverse[e, 0, 1] * l1, inverse[e, 1, 0] * l0 + inverse[e, 1, 1] * l1
+        for q in range(4):
+            i = row[others[e, q]]
+            for c in range(BLOCK):
+                reduced[i, c] -= coupling[e, 0, q, c] * f0 + coupling[e, 1, q, c] * f1
+
+
+@njit(cache=True)
+def expand(points, condensed, others, inverse, coupling, load, solution):
+    """Write the eliminated unknowns of `points` to the solution [P, 5], whose other points are known."""
+    for p in points:
+        e = condensed[p]
+        if e < 0:
+            continue
+        l0, l1 = load[p, 3], load[p, 4]
+        for q in range(4):
+            for c in range(BLOCK):
+                l0 -= coupling[e, 0, q, c] * solution[others[e, q], c]
+                l1 -= coupling[e, 1, q, c] * solution[others[e, q], c]
+        solution[p, 3] = inverse[e, 0, 0] * l0 + inverse[e, 0, 1] * l1
+        solution[p, 4] = inverse[e, 1, 0] * l0 + inverse[e, 1, 1] * l1
+
+
+@njit(cache=True)
+def _add_curvature(first, u_a, u_b, u_c, s, du, force, w, local):
+    """Add force . d2X for X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a), to the local matrix.
+
+    `first` is the first unknown of the point of a; the point of c comes behind it. u_a and u_c are the slots of their u.
+    """
     along = 0.0
     for k in range(3):
         along += force[k] * w[k]
-    nodes = (a, b, c)
+    place = (first + u_a, u_b, first + BLOCK + u_c)
     towards_c = (-(1.0 - s) / du, 1.0 / du, -s / du)  # ds / du of each node
     for m in range(3):
         # d2X / (dx du): s moves from x_a to x_c
-        for q, weight in ((a, -towards_c[m]), (c, towards_c[m])):
-            k = locate(start, column, node_point[q], node_point[nodes[m]])
-            mirrored = locate(start, column, node_point[nodes[m]], node_point[q])
-            column_u = 3 + node_slot[nodes[m]]
-            for r in range(3):
-                block[k, r, column_u] += weight * force[r]
-                block[mirrored, column_u, r] += weight * force[r]
+        for k in range(3):
+            for x_k, weight in ((first + k, -towards_c[m]), (first + BLOCK + k, towards_c[m])):
+                local[x_k, place[m]] += weight * force[k]
+                local[place[m], x_k] += weight * force[k]
     # d2X / (du du) = w times the second derivatives of (u_c - u_a) s at fixed ends
     second = (
         (-2.0 * (1.0 - s) / du, 1.0 / du, (1.0 - 2.0 * s) / du),
@@ -158,8 +275,7 @@ def _add_curvature(b, a, c, force, w, node_point, node_slot, u, start, column, b
     )
     for m in range(3):
         for q in range(3):
-            k = locate(start, column, node_point[nodes[m]], node_point[nodes[q]])
-            block[k, 3 + node_slot[nodes[m]], 3 + node_slot[nodes[q]]] += along * second[m][q]
+            local[place[m], place[q]] += along * second[m][q]
 
 
 @njit(cache=True)

@@ -34,14 +34,13 @@ def add_gradient(nodes, spring, limit, anchor, hold, u0, u, gradient):
 
 
 @njit(cache=True)
-def add_hessian(nodes, node_point, node_slot, spring, limit, anchor, hold, u, diagonal, block):
-    """Add the second derivatives to the diagonal blocks."""
+def add_hessian(nodes, node_point, node_slot, spring, limit, anchor, hold, u, sliding):
+    """Add the second derivatives to `sliding` [P, 2, 2], those in both u of each point."""
     for i in nodes:
-        s = 3 + node_slot[i]
-        k = diagonal[node_point[i]]
-        block[k, s, s] += hold[i]
+        p, s = node_point[i], node_slot[i]
+        sliding[p, s, s] += hold[i]
         if abs(u[i] - anchor[i]) < limit[i] / spring[i]:
-            block[k, s, s] += spring[i]
+            sliding[p, s, s] += spring[i]
 
 
 @njit(cache=True)

@@ -58,8 +58,8 @@ def add_gradient(points, point_nodes, spring, limit, slope, anchor, u, gradient)
 
 
 @njit(cache=True)
-def add_hessian(points, point_nodes, spring, limit, slope, anchor, u, diagonal, block):
-    """Add the second derivatives, nowhere negative, to the diagonal blocks: behind the limit only turning s costs."""
+def add_hessian(points, point_nodes, spring, limit, slope, anchor, u, sliding):
+    """Add the second derivatives to `sliding` [P, 2, 2], nowhere negative: behind the limit only turning s costs."""
     s = np.empty(3)
     for p in points:
         i, j = point_nodes[p, 0], point_nodes[p, 1]
@@ -77,11 +77,10 @@ def add_hessian(points, point_nodes, spring, limit, slope, anchor, u, diagonal, 
             ii -= along_i * along_i
             ij -= along_i * along_j
             jj -= along_j * along_j
-        d = diagonal[p]
-        block[d, 3, 3] += rigidity * ii
-        block[d, 3, 4] += rigidity * ij
-        block[d, 4, 3] += rigidity * ij
-        block[d, 4, 4] += rigidity * jj
+        sliding[p, 0, 0] += rigidity * ii
+        sliding[p, 0, 1] += rigidity * ij
+        sliding[p, 1, 0] += rigidity * ij
+        sliding[p, 1, 1] += rigidity * jj
 
 
 @njit(cache=True)

@@ -20,7 +20,6 @@ import numpy as np
 from numba import njit
 
 from engine.arrays import Floats
-from engine.linalg.block_matrix import locate
 from engine.yarns.model import YarnModel
 from engine.yarns.topology import Chain
 
@@ -51,25 +50,24 @@ def corner_forces(model: YarnModel, chain: Chain, x: Floats, u: Floats, u_rate: 
 
 
 @njit(cache=True)
-def add_gradient(
-    chain, after, node_yarn, node_point, density, kinematic, h, u0, prediction, corner_force, x, u, gradient
-):
-    """Add the gradient of I and the corner forces to `gradient` [N, 4] and return their energy [J]."""
+def add_gradient(chain, node_point, density, h, u0, prediction, corner_force, x, u, gradient):
+    """Add the gradient of I and the corner forces of one yarn to `gradient` [N, 4] and return their energy [J].
+
+    `chain` are the yarn's EoL nodes in order, `density` is its rho [kg/m].
+    """
     energy = 0.0
-    for i in chain:
-        y = node_yarn[i]
-        if kinematic[y]:
-            continue
+    share = density / (6.0 * h * h)
+    for e in range(len(chain)):
+        i = chain[e]
         for k in range(3):
             energy -= corner_force[i, k] * (x[node_point[i], k] - prediction[i, 0, k])
             gradient[i, k] -= corner_force[i, k]
         energy -= corner_force[i, 3] * (u[i] - u0[i])
         gradient[i, 3] -= corner_force[i, 3]
-        j = after[i]
-        if j < 0:
-            continue
+        if e + 1 == len(chain):
+            break
+        j = chain[e + 1]
         p, q = node_point[i], node_point[j]
-        share = density[y] / (6.0 * h * h)
         du = u[j] - u[i]
         square = 0.0
         for k in range(3):
@@ -90,32 +88,25 @@ def add_gradient(
 
 
 @njit(cache=True)
-def add_hessian(
-    chain, after, node_yarn, node_point, node_slot, density, kinematic, h, u0, prediction, u, start, column, block
-):
-    """Add M / h^2."""
+def add_hessian(chain, density, h, u0, prediction, u, band):
+    """Add M / h^2 of one yarn to its `band` [E, 3, 4, 4]: the blocks of each node with itself and the next two."""
     slope = np.empty(3)
-    for i in chain:
-        j = after[i]
-        if j < 0 or kinematic[node_yarn[i]]:
-            continue
+    for e in range(len(chain) - 1):
+        i, j = chain[e], chain[e + 1]
         square = 0.0
         for k in range(3):
             slope[k] = (prediction[j, 0, k] - prediction[i, 1, k]) / (u0[j] - u0[i])
             square += slope[k] * slope[k]
-        scale = density[node_yarn[i]] * (u[j] - u[i]) / (6.0 * h * h)
+        scale = density * (u[j] - u[i]) / (6.0 * h * h)
         for a in range(2):
-            for b in range(2):
-                na = i if a == 0 else j
-                nb = i if b == 0 else j
+            for b in range(a, 2):
                 mass = scale * (2.0 if a == b else 1.0)
-                k = locate(start, column, node_point[na], node_point[nb])
-                sa, sb = 3 + node_slot[na], 3 + node_slot[nb]
+                block = band[e + a, b - a]
                 for r in range(3):
-                    block[k, r, r] += mass
-                    block[k, r, sb] -= mass * slope[r]
-                    block[k, sa, r] -= mass * slope[r]
-                block[k, sa, sb] += mass * square
+                    block[r, r] += mass
+                    block[r, 3] -= mass * slope[r]
+                    block[3, r] -= mass * slope[r]
+                block[3, 3] += mass * square
 
 
 @njit(cache=True)

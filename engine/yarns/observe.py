@@ -73,11 +73,11 @@ def energies(model: YarnModel, state: YarnState, gravity: Floats) -> dict[str, f
     xa, xb = state.x[model.node_point[i]], state.x[model.node_point[j]]
     weight = -np.sum(rho * du * 0.5 * ((xa + xb) @ np.asarray(gravity)))
     unused = np.zeros((model.node_count, 4))
-    no_damping = np.zeros(model.yarn_count)
-    elastic = stretch.add_gradient(chain.node, chain.after, model.node_yarn, model.node_point, model.stretch_stiffness,
-                                   no_damping, 1.0, state.x, state.u, state.x, state.u, unused)
-    elastic += bending.add_gradient(chain.node, chain.before, chain.after, model.node_yarn, model.node_point,
-                                    model.bending_stiffness, state.x, state.u, unused)
+    elastic = 0.0
+    for y, nodes in enumerate(np.split(chain.node, chain.start[1:-1])):
+        elastic += stretch.add_gradient(nodes, model.node_point, model.stretch_stiffness[y], 0.0, 1.0, state.x, state.u,
+                                        state.x, state.u, unused)
+        elastic += bending.add_gradient(nodes, model.node_point, model.bending_stiffness[y], state.x, state.u, unused)
     elastic += shear.add_gradient(shear.sheared(model, state), model.point_nodes, state.eil, chain.before, chain.after,
                                   model.node_point, shear.stiffness(model), shear.free_angle(model), state.x, unused)
     return dict(kinetic=float(kinetic), potential=float(elastic + weight))

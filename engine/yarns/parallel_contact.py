@@ -122,13 +122,13 @@ def add_gradient(pair, distance, stiffness, u, gradient):
 
 
 @njit(cache=True)
-def add_hessian(pair, distance, stiffness, node_point, node_slot, u, start, column, block):
-    """Add the Hessian, which is nowhere negative."""
+def add_hessian(pair, distance, stiffness, node_point, node_slot, u, row, start, column, block):
+    """Add the Hessian, which is nowhere negative; `row` [P] are the points' rows."""
     for e in range(len(pair)):
         i, j = pair[e, 0], pair[e, 1]
         if distance[e] - (u[j] - u[i]) <= 0.0:
             continue
         for a in range(2):
             for b in range(2):
-                k = locate(start, column, node_point[pair[e, a]], node_point[pair[e, b]])
+                k = locate(start, column, row[node_point[pair[e, a]]], row[node_point[pair[e, b]]])
                 block[k, 3 + node_slot[pair[e, a]], 3 + node_slot[pair[e, b]]] += stiffness[i] if a == b else -stiffness[i]

@@ -11,7 +11,7 @@ V depends on x alone. At an EIL node both segments are that between its EoL neig
 """
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from engine.arrays import Floats, Ints
 from engine.linalg.block_matrix import locate
@@ -39,14 +39,13 @@ def free_angle(model: YarnModel) -> Floats:
     return np.maximum(0.5 * np.pi - jammed, 0.0)
 
 
-def pairs(model: YarnModel, chain: Chain, points: Ints) -> Ints:
-    """Return the pairs of points, one on each yarn, that the shear at `points` couples, shape [m, 2]; in some both are one."""
-    ends = []
+def members(model: YarnModel, chain: Chain, points: Ints) -> Ints:
+    """Return each of `points` and the four around it, the point itself where a yarn ends, shape [n, 5]."""
+    around = [points]
     for node in model.point_nodes[points].T:
-        ends.append([points, *(
-            np.where(neighbour[node] < 0, points, model.node_point[neighbour[node]])
-            for neighbour in (chain.before, chain.after))])
-    return np.concatenate([np.column_stack([p, q]) for p in ends[0] for q in ends[1]])
+        for neighbour in (chain.before, chain.after):
+            around.append(np.where(neighbour[node] < 0, points, model.node_point[neighbour[node]]))
+    return np.column_stack(around)
 
 
 def _mean_of_yarns(model, of_yarn):
@@ -78,9 +77,9 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
 
 @njit(cache=True)
 def add_hessian(
-    points, point_nodes, eil, before, after, node_point, stiffness, free_angle, x, convex, start, column, block
+    points, point_nodes, eil, before, after, node_point, stiffness, free_angle, x, convex, row, start, column, block
 ):
-    """Add the Hessian, exact or, if `convex`, a positive form of it.
+    """Add the Hessian, exact or, if `convex`, a positive form of it; `row` [P] are the points' rows.
 
     Stretching a segment turns phi at second order, which `convex` leaves out. Across the plane of both segments, tilts
     alpha and beta of them cost M (cos(phi) (alpha^2 + beta^2) / 2 - alpha beta) / sin(phi) with the moment M = dV/dphi, that is
@@ -89,15 +88,19 @@ def add_hessian(
     t, s, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     binormal = np.empty(3)
     of_ends = np.empty((2, 2, 3, 3))  # second derivatives in the edges of both segments
-    ends = np.empty(4, np.int64)
+    ends, around = np.empty(4, np.int64), np.empty(5, np.int64)
+    local = np.empty((5, 5, 3, 3))  # of the point and those around it
     for p in points:
+        local[:] = 0.0
+        around[:] = p
         for side in range(4):
             a, b = _segment(point_nodes[p, 0], side % 2, eil, before, after)
             c, d = _segment(point_nodes[p, 1], side // 2, eil, before, after)
             if a < 0 or b < 0 or c < 0 or d < 0:
                 continue
-            ends[0], ends[1], ends[2], ends[3] = node_point[a], node_point[b], node_point[c], node_point[d]
-            la, lc, phi = _angle(x, ends[0], ends[1], ends[2], ends[3], t, s, n, m)
+            ends[0], ends[1] = _places(node_point[a], node_point[b], p, 1 + side % 2, 2 - side % 2, around)
+            ends[2], ends[3] = _places(node_point[c], node_point[d], p, 3 + side // 2, 4 - side // 2, around)
+            la, lc, phi = _angle(x, node_point[a], node_point[b], node_point[c], node_point[d], t, s, n, m)
             _, moment, rigidity = _law(phi, stiffness[p], free_angle[p])
             cosine, sine = np.cos(phi), max(np.sin(phi), ALIGNED)
             apart, together = moment * (1.0 + cosine) / (2.0 * sine), -moment * (1.0 - cosine) / (2.0 * sine)
@@ -118,10 +121,54 @@ def add_hessian(
             for i in range(4):
                 for j in range(4):
                     sign = 1.0 if i % 2 == j % 2 else -1.0
-                    k = locate(start, column, ends[i], ends[j])
                     for r in range(3):
                         for q in range(3):
-                            block[k, r, q] += sign * of_ends[i // 2, j // 2, r, q]
+                            local[ends[i], ends[j], r, q] += sign * of_ends[i // 2, j // 2, r, q]
+        for i in range(5):
+            for j in range(5):
+                if (i > 0 and around[i] == p) or (j > 0 and around[j] == p):
+                    continue
+                k = locate(start, column, row[around[i]], row[around[j]])
+                for r in range(3):
+                    for q in range(3):
+                        block[k, r, q] += local[i, j, r, q]
+
+
+@njit(cache=True)
+def _places(a, b, p, forward, backward, around):
+    """Where points a and b of a segment stand among those `around` p: 0 for p itself."""
+    around[forward] = b
+    if a == p:
+        return 0, forward
+    around[backward] = a
+    return backward, forward
+
+
+@njit(cache=True, parallel=True)
+def add_gradient_in_parts(points, part, point_nodes, eil, before, after, node_point, stiffness, free_angle, x, gradient):
+    """As `add_gradient`, with the parts points[part[s]:part[s+1]], which share no node, at once and the rest after them."""
+    parts = len(part) - 1
+    energy = np.zeros(parts)
+    for s in prange(parts):
+        energy[s] = add_gradient(
+            points[part[s] : part[s + 1]], point_nodes, eil, before, after, node_point, stiffness, free_angle, x, gradient)
+    total = add_gradient(points[part[parts] :], point_nodes, eil, before, after, node_point, stiffness, free_angle, x, gradient)
+    for s in range(parts):
+        total += energy[s]
+    return total
+
+
+@njit(cache=True, parallel=True)
+def add_hessian_in_parts(
+    points, part, point_nodes, eil, before, after, node_point, stiffness, free_angle, x, convex, row, start, column, block
+):
+    """As `add_hessian`, with the parts points[part[s]:part[s+1]], which share no row, at once and the rest after them."""
+    parts = len(part) - 1
+    for s in prange(parts):
+        add_hessian(points[part[s] : part[s + 1]], point_nodes, eil, before, after, node_point, stiffness, free_angle, x,
+                    convex, row, start, column, block)
+    add_hessian(points[part[parts] :], point_nodes, eil, before, after, node_point, stiffness, free_angle, x, convex, row,
+                start, column, block)
 
 
 @njit(cache=True)

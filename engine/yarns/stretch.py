@@ -8,28 +8,26 @@ slide along a straight yarn.
 import numpy as np
 from numba import njit
 
-from engine.linalg.block_matrix import locate
-
 
 @njit(cache=True)
-def add_gradient(chain, after, node_yarn, node_point, stiffness, damping, h, x0, u0, x, u, gradient):
-    """Add the gradient to `gradient` [N, 4] (x, u of each node) and return the energy [J]."""
+def add_gradient(chain, node_point, stiffness, damping, h, x0, u0, x, u, gradient):
+    """Add the gradient of one yarn to `gradient` [N, 4] (x, u of each node) and return its energy [J].
+
+    `chain` are the yarn's EoL nodes in order; `stiffness` is its k_s [N], `damping` its beta [s].
+    """
     energy = 0.0
     d = np.empty(3)
-    for i in chain:
-        j = after[i]
-        if j < 0:
-            continue
-        y = node_yarn[i]
+    for e in range(len(chain) - 1):
+        i, j = chain[e], chain[e + 1]
         length, du = _segment(x, u, node_point, i, j, d)
         lam = length / du
-        tension = stiffness[y] * (lam - 1.0)
-        energy += 0.5 * stiffness[y] * du * (lam - 1.0) ** 2
+        tension = stiffness * (lam - 1.0)
+        energy += 0.5 * stiffness * du * (lam - 1.0) ** 2
         f_x = tension
-        f_u = 0.5 * stiffness[y] * (lam * lam - 1.0)
-        if damping[y] > 0.0:
+        f_u = 0.5 * stiffness * (lam * lam - 1.0)
+        if damping > 0.0:
             length0, du0 = _rest(x0, u0, node_point, i, j)
-            rate = damping[y] * stiffness[y] * du0 / h * (lam - length0 / du0)
+            rate = damping * stiffness * du0 / h * (lam - length0 / du0)
             energy += 0.5 * rate * (lam - length0 / du0)
             f_x += rate / du
             f_u += rate * lam / du
@@ -42,25 +40,23 @@ def add_gradient(chain, after, node_yarn, node_point, stiffness, damping, h, x0,
 
 
 @njit(cache=True)
-def add_hessian(
-    chain, after, node_yarn, node_point, node_slot, stiffness, damping, h, x0, u0, x, u, convex, start, column, block
-):
-    """Add the Hessian; if `convex`, without the terms that compression and damping can make negative."""
+def add_hessian(chain, node_point, stiffness, damping, h, x0, u0, x, u, convex, band):
+    """Add the Hessian of one yarn to its `band` [E, 3, 4, 4], blocks of each node with itself and the next two.
+
+    If `convex`, without the terms that compression and damping can make negative.
+    """
     d = np.empty(3)
     z = np.empty((2, 4))
-    for i in chain:
-        j = after[i]
-        if j < 0:
-            continue
-        y = node_yarn[i]
+    for e in range(len(chain) - 1):
+        i, j = chain[e], chain[e + 1]
         length, du = _segment(x, u, node_point, i, j, d)
         lam = length / du
-        along = stiffness[y] / du
-        tension = stiffness[y] * (lam - 1.0)
+        along = stiffness / du
+        tension = stiffness * (lam - 1.0)
         damped = 0.0
-        if damping[y] > 0.0:
+        if damping > 0.0:
             length0, du0 = _rest(x0, u0, node_point, i, j)
-            rate = damping[y] * stiffness[y] * du0 / h
+            rate = damping * stiffness * du0 / h
             along += rate / (du * du)
             damped = rate * (lam - length0 / du0) / du
         across = (tension + damped) / length
@@ -72,19 +68,16 @@ def add_hessian(
         z[0, 3] = lam
         z[1, 3] = -lam
         for a in range(2):
-            for b in range(2):
-                na = i if a == 0 else j
-                nb = i if b == 0 else j
-                k = locate(start, column, node_point[na], node_point[nb])
-                sa, sb = 3 + node_slot[na], 3 + node_slot[nb]
+            for b in range(a, 2):
+                block = band[e + a, b - a]
                 sign = 1.0 if a == b else -1.0
                 for r in range(3):
                     for c in range(3):
-                        block[k, r, c] += along * z[a, r] * z[b, c] - sign * across * d[r] * d[c]
-                    block[k, r, r] += sign * across
-                    block[k, r, sb] += along * z[a, r] * z[b, 3] - sign * damped / du * d[r]
-                    block[k, sa, r] += along * z[a, 3] * z[b, r] - sign * damped / du * d[r]
-                block[k, sa, sb] += along * z[a, 3] * z[b, 3] + sign * 2.0 * damped / du * lam
+                        block[r, c] += along * z[a, r] * z[b, c] - sign * across * d[r] * d[c]
+                    block[r, r] += sign * across
+                    block[r, 3] += along * z[a, r] * z[b, 3] - sign * damped / du * d[r]
+                    block[3, r] += along * z[a, 3] * z[b, r] - sign * damped / du * d[r]
+                block[3, 3] += along * z[a, 3] * z[b, 3] + sign * 2.0 * damped / du * lam
 
 
 @njit(cache=True)
