@@ -213,4 +213,5 @@ class IncrementalPotential:
                 self.obstacle_stiffness, self.state.obstacle_anchor, self.state.obstacle_force, self.x0, x,
                 a.diagonal[layout.row], a.block)
         constraints.project_hessian(self.constrained, self.projector, layout.point, a.start, a.column, a.diagonal, a.block)
+        constraints.project_coupling(layout.others, self.projector, layout.coupling)
         return positive
