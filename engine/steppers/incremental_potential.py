@@ -65,6 +65,7 @@ class IncrementalPotential:
         self.constrained_points = np.flatnonzero(self.constrained)
         self.by_node = np.zeros((model.node_count, 4))
         self.gap = np.zeros((model.point_count, 3))
+        self.last_gap = np.full(model.point_count, np.inf)  # when the multipliers were updated [m]
         self.multiplier = np.zeros((model.point_count, 3))
         self.multiplier[self.split] = state.contact_force[self.split]
         self.offset = np.exp(-h / settings.transition_time) * state.gap_offset
@@ -126,6 +127,19 @@ class IncrementalPotential:
                 self.obstacle_stiffness, self.state.obstacle_anchor, self.state.obstacle_force, self.x0, x, gradient)
         constraints.project_gradient(self.constrained_points, self.projector, gradient)
         return energy, gradient
+
+    def update_multipliers(self, tolerance: float) -> bool:
+        """Let the multipliers take over the constraint's force; `tolerance` [m] is a gap that may stay.
+
+        A contact whose gap has hardly shrunk since the last time works against something stiffer than itself: it
+        becomes ten times as stiff. Returns whether there is one.
+        """
+        self.multiplier = self.contact_force()
+        gap = np.linalg.norm(self.gap[self.split], axis=1)
+        slow = self.split[(gap > tolerance) & (gap > 0.25 * self.last_gap[self.split])]
+        self.last_gap[self.split] = gap
+        self.constraint_stiffness[slow] *= 10.0
+        return len(slow) > 0
 
     def contact_force(self) -> Floats:
         """Return the force between both sides of every point, at the last evaluation of `internal`, shape [P, 3] [N].

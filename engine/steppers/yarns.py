@@ -17,6 +17,8 @@ from engine.yarns.removal import parted, remove
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, assign, chain_of
 
+NEARLY = 100.0  # times the tolerance: from this residual on, multipliers are worth an update
+
 
 class YarnStepper:
     """Advances the yarns of a scene, one step at a time."""
@@ -29,6 +31,7 @@ class YarnStepper:
         self.gravity = np.asarray(gravity, np.float64)
         self.weight = float(np.max(model.density * model.rest_segment, initial=0.0) * np.linalg.norm(self.gravity))
         self.radius = model.radius[model.node_yarn[model.point_nodes[:, 0]]]
+        self.least_radius = float(model.radius.min())
 
     def step(self, state: YarnState, time: float, h: float) -> StepReport:
         """Advance `state` from `time` by `h` [s]; a rejected step leaves it as it was."""
@@ -43,15 +46,17 @@ class YarnStepper:
         x, u, energy, gradient = self.first_guess(start, potential, time, h)
         watch.lap("assemble")
         while True:
-            self.measure(report, potential, gradient, x, u)
-            if report.residual <= self.settings.tolerance:
-                if report.constraint_gap <= self.settings.gap_tolerance:
-                    break
-                potential.multiplier = potential.contact_force()
+            scale = self.measure(report, potential, gradient, x, u)
+            closed = report.constraint_gap <= self.settings.gap_tolerance
+            if closed and report.residual <= self.settings.tolerance:
+                break
+            if not closed and report.residual <= NEARLY * self.settings.tolerance:
+                if potential.update_multipliers(self.settings.gap_tolerance * self.least_radius):
+                    system.forget_factor()
                 energy, gradient = potential.gradient(x, u)
             if report.newton_iterations == self.settings.max_newton:
                 return rejected(report, watch, "Newton did not converge")
-            direction, iterations = system.direction(x, u, gradient)
+            direction, iterations = system.direction(x, u, gradient, self.settings.tolerance * scale)
             report.linear_iterations += iterations
             found = line_search(potential, x, u, energy, gradient, direction)
             watch.lap("line_search")
@@ -105,15 +110,20 @@ class YarnStepper:
 
     def measure(
         self, report: StepReport, potential: IncrementalPotential, gradient: Floats, x: Floats, u: Floats
-    ) -> None:
-        """Note the residual force, compared with gravity and with the largest internal force, and the largest gap."""
+    ) -> float:
+        """Note the residual force, compared with gravity and with the largest internal force, and the largest gap.
+
+        Returns the scale of force [N] that the residual is compared with.
+        """
         m, c = self.model, potential.chain
         tension = largest_tension(c.node, c.after, m.node_yarn, m.node_point, m.stretch_stiffness, x, u)
         floor = 1e-9 * float(m.stretch_stiffness.max(initial=0.0))
-        report.residual = float(np.abs(gradient).max(initial=0.0)) / max(self.weight, 1e-3 * tension, floor)
+        scale = max(self.weight, 1e-3 * tension, floor)
+        report.residual = float(np.abs(gradient).max(initial=0.0)) / scale
         split = potential.split
         report.contact_gap = self.largest_gap(split, potential.gap[split] + potential.offset[split])
         report.constraint_gap = self.largest_gap(split, potential.gap[split])
+        return scale
 
     def largest_gap(self, points: Ints, gap: Floats) -> float:
         """Return the largest of the gaps [n, 3] at `points`, in yarn radii."""
