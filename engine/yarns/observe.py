@@ -7,6 +7,8 @@ from engine.yarns import bending, stretch
 from engine.yarns.model import NodeState, PointKind, YarnModel, YarnState
 from engine.yarns.topology import Chain, chain_of
 
+ROUNDING = 1e-3  # share of the thinnest yarn's radius that rounding in frames may move a point
+
 
 def chain_now(model: YarnModel, state: YarnState) -> Chain:
     """Return the chains of the state's present assignment."""
@@ -26,15 +28,26 @@ def node_states(model: YarnModel, state: YarnState) -> Floats:
 
 
 def yarn_frame_arrays(model: YarnModel, state: YarnState) -> dict:
-    """Return the arrays of a frame: polylines through EoL nodes with their strain, points with their states."""
+    """Return the arrays of a frame: polylines through EoL nodes with their strain, points with their states.
+
+    Lengths and positions are rounded to float32 where that moves nothing by more than ROUNDING radii, strains always.
+    """
     chain = chain_now(model, state)
     states = node_states(model, state)
     shown = np.flatnonzero(states != NodeState.REMOVED)
+    line_points = model.node_point[chain.node]
+    x, u = (_rounded(values, model.radius) for values in (state.x, state.u))
     return dict(
-        line_positions=state.x[model.node_point[chain.node]], line_offsets=chain.start, line_strain=strain(model, state),
-        radius=model.radius, fabric=model.fabric, node_positions=state.x[shown], node_states=states[shown],
-        node_points=shown, u=state.u.copy(),
+        line_positions=x[line_points], line_offsets=chain.start, line_strain=strain(model, state).astype(np.float32),
+        line_points=line_points.astype(np.int32), radius=model.radius, fabric=model.fabric, node_positions=x[shown],
+        node_states=states[shown], node_points=shown.astype(np.int32), u=u.copy(),
     )
+
+
+def _rounded(values: Floats, radius: Floats) -> Floats:
+    """Return lengths [m] as float32 where that is precise enough for yarns of these radii, else as they are."""
+    error = np.finfo(np.float32).eps / 2 * np.abs(values).max(initial=0.0)
+    return values.astype(np.float32) if error <= ROUNDING * radius.min(initial=np.inf) else values
 
 
 def strain(model: YarnModel, state: YarnState) -> Floats:
