@@ -32,14 +32,9 @@ class Detail:
     nodes: int  # points with their state
 
 
-Level = Literal["auto", "fine", "full", "region"]
-UNLIMITED = 1 << 62
-DETAILS: dict[Level, Detail] = {
-    "auto": Detail(60_000, 30_000),
-    "fine": Detail(250_000, 100_000),
-    "full": Detail(UNLIMITED, UNLIMITED),
-    "region": Detail(20_000, 10_000),
-}
+Level = Literal["auto", "full", "region"]
+AUTO = Detail(60_000, 30_000)  # 4 MB for the live page, 1.5 MB in a recording
+REGION = Detail(20_000, 10_000)
 
 
 def coarse(yarns: YarnFrame, detail: Detail) -> YarnFrame:

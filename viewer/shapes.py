@@ -106,13 +106,18 @@ def obstacle_mesh(
     return Mesh(vertices, faces, PLANE_COLOUR if kind is ObstacleKind.PLANE else OBSTACLE_COLOUR)
 
 
-UNIT_TUBE = cylinder(12)
+TUBES = ((20_000, cylinder(12)), (1 << 62, cylinder(5)))  # up to how many copies, then rounder is not seen
 UNIT_BALL = sphere(6)
 REACH = 0.6  # radii by which a tube reaches past its end at most
 
 
+def tube(copies: int) -> Shape:
+    """Return the unit tube for so many copies."""
+    return next(shape for most, shape in TUBES if copies <= most)
+
+
 def tubes(segments: Segments) -> Instances:
-    """Return the copies of UNIT_TUBE that draw round segments.
+    """Return the copies of a unit tube that draw round segments.
 
     Where one segment goes on from the last, both reach past their common end until their outer sides meet.
     """

@@ -64,7 +64,7 @@ def test_nodes_have_the_colour_of_their_state(yarns):
 
 def test_no_yarns_give_no_segments():
     empty = YarnFrame(
-        np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros(0), np.zeros(0), np.zeros(0, np.int64),
+        np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros(0), np.zeros(0, np.int32), np.zeros(0), np.zeros(0, np.int64),
         np.zeros((0, 3)), np.zeros(0, np.uint8), np.zeros(0, np.int64), np.zeros(0),
     )  # fmt: skip
     assert len(layers.yarn_segments(empty).points) == 0

@@ -50,12 +50,24 @@ def test_frames_hold_every_eol_node_and_every_point_that_is_left():
     model, state = stack.model, stack.state
     state.active[np.flatnonzero(model.point_kind == PointKind.CONTACT)[0]] = False
     frame = observe.yarn_frame_arrays(model, state)
+    x = state.x.astype(np.float32)
     assert frame["line_offsets"][-1] == len(frame["line_positions"]) == len(frame["line_strain"])
     assert len(frame["line_offsets"]) == model.yarn_count + 1
     for y in range(model.yarn_count):
         line = frame["line_positions"][frame["line_offsets"][y] : frame["line_offsets"][y + 1]]
         ends = model.node_start[y], model.node_start[y + 1] - 1
-        np.testing.assert_array_equal(line[[0, -1]], state.x[model.node_point[list(ends)]])
+        np.testing.assert_array_equal(line[[0, -1]], x[model.node_point[list(ends)]])
     np.testing.assert_array_equal(frame["node_points"], np.flatnonzero(state.active))
-    np.testing.assert_array_equal(frame["node_positions"], state.x[state.active])
+    np.testing.assert_array_equal(frame["node_positions"], x[state.active])
+    np.testing.assert_array_equal(frame["line_positions"], x[frame["line_points"]])
     assert frame["node_states"].dtype == np.uint8 and frame["node_states"].max() < NodeState.REMOVED
+
+
+@pytest.mark.parametrize(("reach", "dtype"), [(0.5, np.float32), (1e4, np.float64)])
+def test_frames_round_lengths_only_where_that_is_far_below_a_radius(reach, dtype):
+    model, state = straight_yarn([0.0, 0.5, 1.5, 2.0])
+    state.x[:] *= reach / np.abs(state.x).max()
+    frame = observe.yarn_frame_arrays(model, state)
+    assert frame["line_positions"].dtype == frame["node_positions"].dtype == dtype
+    error = np.abs(frame["line_positions"] - state.x[frame["line_points"]]).max()
+    assert error <= 1e-3 * model.radius.min()
