@@ -58,7 +58,7 @@ def yarn_lifts(scene: Scene, model: YarnModel) -> Floats:
 
 
 def lay_out(yarns: YarnFrame, model: YarnModel, lifts: Floats) -> YarnFrame:
-    """Return the yarns as curves through where they are drawn, with more line nodes than they have EoL nodes.
+    """Return the yarns as curves through where they are drawn, with more line nodes than they have nodes.
 
     At the crossings of a fabric, and of single yarns, the way to go is known; between them it is interpolated along
     the yarn, beyond the last it stays the same. A yarn without crossings stays where it is. Yarns that are drawn
@@ -118,7 +118,7 @@ def _curved(yarns: YarnFrame, line_yarn: Ints) -> YarnFrame:
 def _crossings(line_yarn: Ints, line_points: Ints, model: YarnModel) -> tuple[Ints, Ints, Floats]:
     """Return crossings of a fabric or of single yarns: line nodes and yarns of both, shape [Q, 2], and side [Q].
 
-    A point that EIL nodes leave without a line node on one of its yarns is none of them.
+    A point one of whose yarns is not drawn there is none of them.
     """
     line_of = np.full((model.point_count, 2), -1, np.int64)  # line node of each slot of each point
     slot = (line_yarn != model.node_yarn[model.point_nodes[line_points, 0]]).astype(np.int64)

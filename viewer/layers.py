@@ -92,7 +92,7 @@ def strain_colours(strain: NDArray[np.float64]) -> Bytes:
 
 
 def yarn_segments(yarns: YarnFrame, paint: Paint = "fabric", thickness: float = 1.0) -> Segments:
-    """Return the polylines through the EoL nodes of all yarns, at `thickness` times their real radius.
+    """Return the polylines through the nodes of all yarns, at `thickness` times their real radius.
 
     `paint` chooses the colour of the fabric, or that of the stretch strain at each node.
     """
