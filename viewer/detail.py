@@ -32,9 +32,21 @@ class Detail:
     nodes: int  # points with their state
 
 
-Level = Literal["auto", "full", "region"]
-AUTO = Detail(60_000, 30_000)  # 4 MB for the live page, 1.5 MB in a recording
-REGION = Detail(20_000, 10_000)
+Level = Literal["auto", "fine", "region", "full"]
+AUTO = Detail(20_000, 10_000)  # 1.3 MB an update; two processors that draw without a graphics card take a second
+FINE = Detail(60_000, 30_000)  # 4 MB an update, for a graphics card, and for recordings and pictures
+
+
+def part(yarns: YarnFrame, level: Level, focus: Floats) -> YarnFrame:
+    """Return what is drawn of a frame; a region is the one around `focus` [m]."""
+    if level == "full":
+        return yarns
+    return region(yarns, focus, AUTO) if level == "region" else coarse(yarns, budget(level))
+
+
+def budget(level: Level) -> Detail:
+    """Return the budget of a level; that of `full` bounds how finely curves are cut only."""
+    return FINE if level in ("fine", "full") else AUTO
 
 
 def coarse(yarns: YarnFrame, detail: Detail) -> YarnFrame:

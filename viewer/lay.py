@@ -21,11 +21,10 @@ from engine.yarns.model import YarnModel
 from viewer.detail import line_yarns
 
 CURVE_PIECES = 5  # pieces into which a segment is cut, so that yarns look bent and not broken
-CURVE_NODES = 60_000  # fewer pieces where there would be more line nodes than a browser draws smoothly
 PARALLEL = 1e-3  # sine of the angle below which two yarns define no side
 
 
-Layout = Callable[[YarnFrame], YarnFrame]  # moves yarns to where they are drawn
+Layout = Callable[[YarnFrame, int], YarnFrame]  # moves yarns to where they are drawn, cut into so many pieces at most
 
 
 def layout_of(scene: Scene, built: Built) -> Layout:
@@ -35,7 +34,7 @@ def layout_of(scene: Scene, built: Built) -> Layout:
     return partial(lay_out, model=built.yarns, lifts=yarn_lifts(scene, built.yarns))
 
 
-def unchanged(yarns: YarnFrame) -> YarnFrame:
+def unchanged(yarns: YarnFrame, _most: int) -> YarnFrame:
     """Return the yarns as they are."""
     return yarns
 
@@ -57,8 +56,8 @@ def yarn_lifts(scene: Scene, model: YarnModel) -> Floats:
     return lifts
 
 
-def lay_out(yarns: YarnFrame, model: YarnModel, lifts: Floats) -> YarnFrame:
-    """Return the yarns as curves through where they are drawn, with more line nodes than they have nodes.
+def lay_out(yarns: YarnFrame, most: int, model: YarnModel, lifts: Floats) -> YarnFrame:
+    """Return the yarns as curves through where they are drawn, cut finer than they are into up to `most` pieces.
 
     At the crossings of a fabric, and of single yarns, the way to go is known; between them it is interpolated along
     the yarn, beyond the last it stays the same. A yarn without crossings stays where it is. Yarns that are drawn
@@ -78,10 +77,10 @@ def lay_out(yarns: YarnFrame, model: YarnModel, lifts: Floats) -> YarnFrame:
         offsets[line[:, slot]] = (lifts[yarn] + sign * yarns.radius[yarn])[:, None] * up
         known[line[:, slot]] = True
     offsets = _between(line_yarn, positions, offsets, known)
-    return _curved(replace(yarns, line_positions=positions + offsets), line_yarn)
+    return _curved(replace(yarns, line_positions=positions + offsets), line_yarn, most)
 
 
-def _curved(yarns: YarnFrame, line_yarn: Ints) -> YarnFrame:
+def _curved(yarns: YarnFrame, line_yarn: Ints, most: int) -> YarnFrame:
     """Return the yarns as smooth curves through their line nodes: cubic pieces, cut into straight ones."""
     position, strain = yarns.line_positions, yarns.line_strain
     node = np.arange(len(line_yarn))
@@ -97,7 +96,7 @@ def _curved(yarns: YarnFrame, line_yarn: Ints) -> YarnFrame:
     share_after = np.where(inner[:, None], share_after, 0.0)
     tangent = share_after * slope + (1 - share_after) * slope[before]
 
-    pieces = np.where(inner, min(max(CURVE_NODES // max(len(node), 1), 1), CURVE_PIECES), 1)
+    pieces = np.where(inner, min(max(most // max(len(node), 1), 1), CURVE_PIECES), 1)
     first = np.cumsum(pieces) - pieces
     start = np.repeat(node, pieces)
     end = after[start]

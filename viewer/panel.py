@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from html import escape
+from typing import get_args
 
 import numpy as np
 import viser
@@ -16,7 +17,7 @@ from viewer.timeline import Timeline
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "4": 4.0}
 PAINTS: dict[str, Paint] = {"fabric": "fabric", "stretch strain": "strain"}
-LEVELS: dict[str, Level] = {"auto": "auto", "region": "region", "full": "full"}
+LEVELS: dict[str, Level] = {level: level for level in get_args(Level)}
 NO_JOB = "none"
 BRAND = (64, 92, 122)
 
@@ -61,8 +62,8 @@ class Panel:
             self.obstacles = gui.add_checkbox("Obstacles", True)
             self.paint = gui.add_dropdown("Colour by", tuple(PAINTS), initial_value="fabric")
             self.level = gui.add_dropdown("Detail", tuple(LEVELS), initial_value="auto", hint=(
-                "auto: large cloth as a coarser one of the same weave; region: what is near the middle of the picture, "
-                "as it is; full: everything, slow"
+                "auto: large cloth as a coarser one of the same weave; fine: less so, for a graphics card; "
+                "region: what is near the middle of the picture, as it is; full: everything, slow"
             ))
             self.drawn = gui.add_html("")
             self.legend = gui.add_html(legend_html("fabric"))

@@ -7,8 +7,9 @@ twice the size and scaled down, which smooths yarns that are thinner than a pixe
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -33,6 +34,8 @@ FLAGS = (
     "--no-first-run --disable-background-networking --disable-component-update --disable-sync --disable-dev-shm-usage "
     "--hide-scrollbars"
 ).split()
+PREVIEW = 16  # renderings that only tell whether the page has come to rest are smaller by this factor
+PAUSE = 0.25  # between two of them [s]
 FINER = 2  # the rendering is larger than the picture by this factor
 MARGIN = 1.04  # distance of the eye against that at which the scene touches the picture's border
 BACKGROUND = (250, 250, 248)
@@ -66,22 +69,38 @@ def draw(job: Path, index: int, shown: Shown, view: View, size: tuple[int, int],
     frame = read_frame(paths[index])
     low, high = layers.scene_bounds(frame, built.obstacles)
     width, height = (FINER * side for side in size)
-    with _page(width, height) as client:
+    eye, target = _eye(low, high, view, width / height)
+
+    def render(scale: int) -> Floats:
+        client.flush()
+        return client.get_render(
+            height // scale, width // scale, wxyz=_towards(target - eye), position=eye, fov=layers.FIELD_OF_VIEW,
+            transport_format="png", timeout=PATIENCE,
+        )
+
+    with _page() as client:
         stage = Stage(client)
-        stage.set_obstacles(built.obstacles, low, high)
         stage.frame_camera(low, high)
         said = stage.draw(frame.yarns, layout_of(scene, built), shown)
-        client.flush()
-        eye, target = _eye(low, high, view, width / height)
-        rendering = client.get_render(
-            height, width, wxyz=_towards(target - eye), position=eye, fov=layers.FIELD_OF_VIEW, transport_format="png",
-            timeout=PATIENCE,
-        )
-    drawn = Image.fromarray(rendering)
+        _settle(render)
+        stage.set_obstacles(built.obstacles, low, high)  # only now: they are there at once, and yarns would be missed
+        drawn = Image.fromarray(render(1))
     picture = Image.new("RGBA", drawn.size, (*BACKGROUND, 255))
     picture.alpha_composite(drawn)
     picture.convert("RGB").resize(size, Image.Resampling.LANCZOS).save(path)
     return said
+
+
+def _settle(render: Callable[[int], Floats]) -> None:
+    """Return when the page shows something and has come to rest: it builds large meshes after it has taken them in."""
+    last, deadline = render(PREVIEW), time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        time.sleep(PAUSE)
+        now = render(PREVIEW)
+        if now[..., 3].any() and np.array_equal(now, last):
+            return
+        last = now
+    raise TimeoutError
 
 
 def _eye(low: Floats, high: Floats, view: View, aspect: float) -> tuple[Floats, Floats]:
@@ -106,22 +125,23 @@ def _towards(forward: Floats) -> Floats:
 
 
 @contextmanager
-def _page(width: int, height: int) -> Iterator[viser.ClientHandle]:
+def _page() -> Iterator[viser.ClientHandle]:
     """Open an empty page in a browser of its own; raises CannotDraw where there is none or it does not come."""
     program = next((found for name in CHROMIUM if (found := shutil.which(name))), None)
     if program is None:
         raise CannotDraw("pictures need Chromium, and there is none on PATH")
     with guarding(Gate()):
-        server = PrivateServer(host="127.0.0.1", port=0, verbose=False)
+        with redirect_stdout(None):  # it greets even when told to be silent
+            server = PrivateServer(host="127.0.0.1", port=0, verbose=False)
     visitors: SimpleQueue[viser.ClientHandle] = SimpleQueue()
     server.on_client_connect(visitors.put)
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         address = f"http://127.0.0.1:{server.get_port()}/"
         # a remote port keeps it open; the page alone would be printed and left
         command = [
-            program, *FLAGS, f"--user-data-dir={profile}", f"--window-size={width},{height}", "--remote-debugging-port=0",
+            program, *FLAGS, f"--user-data-dir={profile}", "--window-size=320,240", "--remote-debugging-port=0",
             address,
-        ]
+        ]  # the window is small as it is drawn too
         browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             yield visitors.get(timeout=PATIENCE)
@@ -132,4 +152,5 @@ def _page(width: int, height: int) -> Iterator[viser.ClientHandle]:
         finally:
             browser.terminate()
             browser.wait()
-            server.stop()
+            with redirect_stdout(None):
+                server.stop()

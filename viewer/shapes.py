@@ -55,6 +55,12 @@ def cylinder(sides: int) -> Shape:
     return np.concatenate([low, high, low, high]).astype(np.float32), np.concatenate(faces).astype(np.uint32)
 
 
+def pipe(sides: int) -> Shape:
+    """Return that cylinder without its ends: vertices and faces."""
+    vertices, faces = cylinder(sides)
+    return vertices[: 2 * sides], faces[: 2 * sides]
+
+
 def sphere(rings: int) -> Shape:
     """Return a sphere of radius 1 of `rings` rings with twice as many sides: vertices and faces."""
     sides = 2 * rings
@@ -106,14 +112,15 @@ def obstacle_mesh(
     return Mesh(vertices, faces, PLANE_COLOUR if kind is ObstacleKind.PLANE else OBSTACLE_COLOUR)
 
 
-TUBES = ((20_000, cylinder(12)), (1 << 62, cylinder(5)))  # up to how many copies, then rounder is not seen
+MANY = 5_000  # tubes above which they are drawn with fewer sides and open ends, which are too small to be seen
+UNIT_TUBE, UNIT_PIPE = cylinder(12), pipe(6)
 UNIT_BALL = sphere(6)
 REACH = 0.6  # radii by which a tube reaches past its end at most
 
 
 def tube(copies: int) -> Shape:
     """Return the unit tube for so many copies."""
-    return next(shape for most, shape in TUBES if copies <= most)
+    return UNIT_TUBE if copies <= MANY else UNIT_PIPE
 
 
 def tubes(segments: Segments) -> Instances:

@@ -28,14 +28,6 @@ class Shown:
     level: Level = "auto"
     focus: tuple[float, float, float] = (0.0, 0.0, 0.0)  # middle of the region that is drawn [m]
 
-    def part(self, yarns: YarnFrame) -> YarnFrame:
-        """Return what is drawn of a frame."""
-        if self.level == "full":
-            return yarns
-        if self.level == "region":
-            return detail.region(yarns, np.array(self.focus), detail.REGION)
-        return detail.coarse(yarns, detail.AUTO)
-
 
 class Stage:
     """Draws frames on the page of one client. Not thread-safe: one thread draws."""
@@ -92,11 +84,12 @@ class Stage:
             handle.visible = shown.obstacles
         if yarns is None:
             return ""
-        whole, yarns = yarns, shown.part(yarns)
+        whole, yarns = yarns, detail.part(yarns, shown.level, np.array(shown.focus))
         if shown.nodes:
             segments = layers.yarn_segments(yarns, shown.paint, layers.LINE_SCALE)
         else:
-            segments = layers.yarn_segments(layout(yarns), shown.paint)
+            drawn = layout(yarns, detail.budget(shown.level).segments)
+            segments = layers.yarn_segments(drawn, shown.paint)
         # one colour an instance: that of the middle of the segment
         colours = segments.colours.mean(axis=1, dtype=np.float32).round().astype(np.uint8)
         tube = shapes.tube(len(segments.points))
