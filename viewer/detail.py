@@ -67,8 +67,8 @@ def region(yarns: YarnFrame, centre: Floats, detail: Detail) -> YarnFrame:
     The ball that holds it is as large as the budget allows.
     """
     line_distance, node_distance = (_distances(p, centre) for p in (yarns.line_positions, yarns.node_positions))
-    reach = min(_smallest(line_distance, detail.segments), _smallest(node_distance, detail.nodes))
-    yarn, inside = line_yarns(yarns), line_distance <= reach
+    reach = min(_reach(line_distance, detail.segments), _reach(node_distance, detail.nodes))
+    yarn, inside = line_yarns(yarns), line_distance < reach
     begins = inside & ~np.concatenate([[False], inside[:-1] & (yarn[:-1] == yarn[1:])])
     piece = np.cumsum(begins) - 1
     nodes = np.flatnonzero(inside)
@@ -77,7 +77,7 @@ def region(yarns: YarnFrame, centre: Floats, detail: Detail) -> YarnFrame:
     chosen = np.zeros(len(nodes) + 1, bool)
     chosen[piece[nearest_first[first]]] = True
     cut = _with_lines(yarns, inside & chosen[piece], yarns.radius)
-    return _with_nodes(cut, np.flatnonzero(node_distance <= reach))
+    return _with_nodes(cut, np.flatnonzero(node_distance < reach))
 
 
 def segment_count(yarns: YarnFrame) -> int:
@@ -164,6 +164,6 @@ def _distances(positions: Floats, centre: Floats) -> Floats:
     return np.linalg.norm(positions - centre, axis=1)
 
 
-def _smallest(values: Floats, count: int) -> float:
-    """Return the largest of the `count` smallest values, infinity where there are no more than these."""
-    return np.inf if len(values) <= count else float(np.partition(values, count - 1)[count - 1])
+def _reach(distances: Floats, count: int) -> float:
+    """Return the distance below which there are no more than `count`, infinity where there are no more in all."""
+    return np.inf if len(distances) <= count else float(np.partition(distances, count)[count])

@@ -130,18 +130,16 @@ def _page() -> Iterator[viser.ClientHandle]:
     program = next((found for name in CHROMIUM if (found := shutil.which(name))), None)
     if program is None:
         raise CannotDraw("pictures need Chromium, and there is none on PATH")
-    with guarding(Gate()):
-        with redirect_stdout(None):  # it greets even when told to be silent
-            server = PrivateServer(host="127.0.0.1", port=0, verbose=False)
+    with guarding(Gate()), redirect_stdout(None):  # it greets even when told to be silent
+        server = PrivateServer(host="127.0.0.1", port=0, verbose=False)
     visitors: SimpleQueue[viser.ClientHandle] = SimpleQueue()
     server.on_client_connect(visitors.put)
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         address = f"http://127.0.0.1:{server.get_port()}/"
         # a remote port keeps it open; the page alone would be printed and left
         command = [
-            program, *FLAGS, f"--user-data-dir={profile}", "--window-size=320,240", "--remote-debugging-port=0",
-            address,
-        ]  # the window is small as it is drawn too
+            program, *FLAGS, f"--user-data-dir={profile}", "--window-size=320,240", "--remote-debugging-port=0", address,
+        ]  # its window is small because it draws that too
         browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             yield visitors.get(timeout=PATIENCE)
