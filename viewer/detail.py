@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.arrays import Flags, Floats, Ints
 from engine.run.frames import YarnFrame
@@ -107,7 +108,8 @@ def _next_coarseness(least: float) -> int:
 
 def _coarse_lines(yarns: YarnFrame, every: int, segments: int) -> YarnFrame:
     woven = yarns.fabric >= 0
-    stays = _stays(yarns.fabric, np.where(woven, every, max(-(-2 * np.count_nonzero(~woven) // segments), 1)))
+    every_single = max(-(-2 * int(np.count_nonzero(~woven)) // segments), 1)
+    stays = _stays(yarns.fabric, np.where(woven, every, every_single))
     node = np.flatnonzero(np.repeat(stays, np.diff(yarns.line_offsets)))
     point = yarns.line_points[node]
     shared = np.bincount(point)[point] > 1  # with another yarn that stays
@@ -129,7 +131,7 @@ def _stays(fabric: Ints, every: Ints) -> Flags:
     return rank % every == (size - 1) % every // 2
 
 
-def _preferred_nodes(yarns: YarnFrame, drawn_points: Ints, budget: int) -> Ints:
+def _preferred_nodes(yarns: YarnFrame, drawn_points: NDArray[np.int32], budget: int) -> Ints:
     """Return which points are drawn, ascending: the same from frame to frame as long as their states stay."""
     on_line = np.zeros(max(yarns.node_points.max(initial=0), drawn_points.max(initial=0)) + 1, bool)
     on_line[drawn_points] = True

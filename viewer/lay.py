@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.arrays import Flags, Floats, Ints
 from engine.run.frames import YarnFrame
@@ -114,7 +115,7 @@ def _curved(yarns: YarnFrame, line_yarn: Ints, most: int) -> YarnFrame:
     )
 
 
-def _crossings(line_yarn: Ints, line_points: Ints, model: YarnModel) -> tuple[Ints, Ints, Floats]:
+def _crossings(line_yarn: Ints, line_points: NDArray[np.int32], model: YarnModel) -> tuple[Ints, Ints, Floats]:
     """Return crossings of a fabric or of single yarns: line nodes and yarns of both, shape [Q, 2], and side [Q].
 
     A point one of whose yarns is not drawn there is none of them.

@@ -63,7 +63,7 @@ class Panel:
             self.paint = gui.add_dropdown("Colour by", tuple(PAINTS), initial_value="fabric")
             self.level = gui.add_dropdown("Detail", tuple(LEVELS), initial_value="auto", hint=(
                 "auto: large cloth as a coarser one of the same weave; fine: less so, for a graphics card; "
-                "region: what is near the middle of the picture, as it is; full: everything, slow"
+                "region: what is near the middle of the picture as it is, to zoom in on; full: everything, slow"
             ))
             self.drawn = gui.add_html("")
             self.legend = gui.add_html(legend_html("fabric"))
