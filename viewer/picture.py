@@ -39,7 +39,7 @@ PAUSE = 0.25  # between two of them [s]
 FINER = 2  # the rendering is larger than the picture by this factor
 MARGIN = 1.04  # distance of the eye against that at which the scene touches the picture's border
 BACKGROUND = (250, 250, 248)
-PATIENCE = 60.0  # for the browser to open the page, and again for it to draw [s]
+PATIENCE = 300.0  # for the browser to open the page, and again for it to draw, on a machine that has other work [s]
 
 
 class CannotDraw(Exception):
