@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from engine.contact.obstacles import ObstacleKind, Obstacles
 from engine.run.frames import Frame, YarnFrame
 from engine.yarns.model import NodeState
+from viewer.detail import line_yarns
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
@@ -90,17 +91,12 @@ def strain_colours(strain: NDArray[np.float64]) -> Bytes:
     return np.stack(channels, axis=-1).round().astype(np.uint8)
 
 
-def line_node_yarns(yarns: YarnFrame) -> NDArray[np.int64]:
-    """Return the yarn of every line node, shape [K]."""
-    return np.repeat(np.arange(len(yarns.radius)), np.diff(yarns.line_offsets))
-
-
 def yarn_segments(yarns: YarnFrame, paint: Paint = "fabric", thickness: float = 1.0) -> Segments:
-    """Return the polylines through the EoL nodes of all yarns, at `thickness` times their real radius.
+    """Return the polylines through the nodes of all yarns, at `thickness` times their real radius.
 
     `paint` chooses the colour of the fabric, or that of the stretch strain at each node.
     """
-    yarn = line_node_yarns(yarns)
+    yarn = line_yarns(yarns)
     first = np.flatnonzero(yarn[:-1] == yarn[1:])
     ends = np.stack([first, first + 1], axis=1)
     by_node = fabric_colours(yarns.fabric)[yarn] if paint == "fabric" else strain_colours(yarns.line_strain)

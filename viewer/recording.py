@@ -1,7 +1,8 @@
 """The recording of a run, `recording.rrd`: what the live page shows, for the Rerun viewer, offline.
 
 Every frame is flushed, so that all frames but the one being written are readable after a crash. A run that goes on
-after one writes a second file under the same recording id; closing joins the two.
+after one writes a second file under the same recording id; closing joins the two. Large frames are recorded as coarse
+as they are drawn (`viewer.detail`): the frames themselves hold everything, a recording is to look at.
 """
 
 import logging
@@ -23,7 +24,7 @@ from engine.arrays import Floats, Ints
 from engine.run.frames import Frame, YarnFrame
 from engine.scene.build import build
 from engine.scene.schema import Scene
-from viewer import layers, shapes
+from viewer import detail, layers, shapes
 from viewer.lay import layout_of
 from viewer.spill import Spill
 
@@ -78,11 +79,12 @@ class Recorder:
         stream.set_time(TIMELINE, duration=frame.time)
         stream.set_time("frame", sequence=frame.index)
         if frame.yarns is not None:
-            drawn = self._layout(frame.yarns)
-            stream.log(CLOTH, rr.LineStrips3D.from_fields(strips=strips(drawn.line_positions, drawn.line_offsets)))
-            lines = strips(frame.yarns.line_positions, frame.yarns.line_offsets)
-            stream.log(f"{NODES}/lines", rr.LineStrips3D.from_fields(strips=lines))
-            points = layers.node_points(frame.yarns)
+            yarns = detail.coarse(frame.yarns, detail.FINE)
+            drawn = self._layout(yarns, detail.FINE.segments)
+            for path, lines, thickness in ((CLOTH, drawn, 1.0), (f"{NODES}/lines", yarns, layers.LINE_SCALE)):
+                shape = strips(lines.line_positions, lines.line_offsets)
+                stream.log(path, rr.LineStrips3D.from_fields(strips=shape, radii=thickness * lines.radius))
+            points = layers.node_points(yarns)
             stream.log(f"{NODES}/points", rr.Points3D(points.points, colors=points.colours, radii=points.radii[:1]))
         for key, value in frame.series.items():
             stream.log(f"{SERIES}/{key}", rr.Scalars(value))
@@ -153,11 +155,10 @@ def strips(positions: Floats, offsets: Ints) -> pyarrow.ListArray:
 
 
 def log_looks(stream: rr.RecordingStream, yarns: YarnFrame) -> None:
-    """Log what never changes about yarns, colour and thickness, once."""
+    """Log what never changes about yarns, their colour, once."""
     colours = layers.told_apart(layers.fabric_colours(yarns.fabric))
-    for path, thickness in ((CLOTH, 1.0), (f"{NODES}/lines", layers.LINE_SCALE)):
-        looks = rr.LineStrips3D.from_fields(colors=colours, radii=thickness * yarns.radius)
-        stream.log(path, looks, static=True)
+    for path in (CLOTH, f"{NODES}/lines"):
+        stream.log(path, rr.LineStrips3D.from_fields(colors=colours), static=True)
 
 
 def obstacle(mesh: shapes.Mesh) -> rr.Mesh3D:

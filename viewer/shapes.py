@@ -55,6 +55,12 @@ def cylinder(sides: int) -> Shape:
     return np.concatenate([low, high, low, high]).astype(np.float32), np.concatenate(faces).astype(np.uint32)
 
 
+def pipe(sides: int) -> Shape:
+    """Return that cylinder without its ends: vertices and faces."""
+    vertices, faces = cylinder(sides)
+    return vertices[: 2 * sides], faces[: 2 * sides]
+
+
 def sphere(rings: int) -> Shape:
     """Return a sphere of radius 1 of `rings` rings with twice as many sides: vertices and faces."""
     sides = 2 * rings
@@ -106,13 +112,19 @@ def obstacle_mesh(
     return Mesh(vertices, faces, PLANE_COLOUR if kind is ObstacleKind.PLANE else OBSTACLE_COLOUR)
 
 
-UNIT_TUBE = cylinder(12)
+MANY = 5_000  # tubes above which they are drawn with fewer sides and open ends, which are too small to be seen
+UNIT_TUBE, UNIT_PIPE = cylinder(12), pipe(6)
 UNIT_BALL = sphere(6)
 REACH = 0.6  # radii by which a tube reaches past its end at most
 
 
+def tube(copies: int) -> Shape:
+    """Return the unit tube for so many copies."""
+    return UNIT_TUBE if copies <= MANY else UNIT_PIPE
+
+
 def tubes(segments: Segments) -> Instances:
-    """Return the copies of UNIT_TUBE that draw round segments.
+    """Return the copies of a unit tube that draw round segments.
 
     Where one segment goes on from the last, both reach past their common end until their outer sides meet.
     """

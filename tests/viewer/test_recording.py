@@ -73,7 +73,7 @@ def test_a_recording_holds_every_layer_of_every_frame(tmp_path):
     counted = rows(tmp_path / "recording.rrd")
     assert counted["/nodes/points"] == 4
     for entity in ("/cloth/yarns", "/nodes/lines"):
-        assert counted[entity] == 4 + 1, "and one row of colours and thickness, static"
+        assert counted[entity] == 4 + 1, "and one row of colours, static"
     for obstacle in range(3):
         assert counted[f"/obstacles/{obstacle}"] == 1
     for key in ("residual", "newton_iterations", "eil", "kinetic_energy"):
