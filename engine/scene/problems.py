@@ -117,7 +117,7 @@ def _without_tags(location: Sequence[str | int], document: Any) -> list[str | in
         listed = isinstance(document, list | tuple) and isinstance(part, int) and part < len(document)
         if listed or (isinstance(document, dict) and part in document):
             document = document[part]
-        elif depth < len(location) - 1:
+        elif depth < len(location) - 1 or (isinstance(part, str) and not isinstance(document, dict)):
             continue
         kept.append(part)
     return kept
@@ -128,7 +128,7 @@ def _parts_at(model: type[BaseModel], location: Sequence[str | int]) -> list[typ
     annotation: Any = model
     for part in location:
         parts = _models_in(annotation)
-        if isinstance(part, int):
+        if isinstance(part, int) or not parts:
             continue
         if get_origin(annotation) is dict:
             annotation = get_args(annotation)[1]
