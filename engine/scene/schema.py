@@ -131,7 +131,8 @@ class Crossing(Part):
 Edge = Literal["left", "right", "bottom", "top"]
 """Side of a patch, seen from above: wefts run from left to right, warps from bottom to top."""
 
-_Rows = Annotated[Few[Annotated[Few[Literal[0, 1]], Field(min_length=1)]], Field(min_length=1)]
+_Row = Annotated[tuple[Literal[0, 1], ...], Strict(False), Field(min_length=1, max_length=64)]
+_Rows = Annotated[tuple[_Row, ...], Strict(False), Field(min_length=1, max_length=64)]
 Pattern = Annotated[Annotated[PatternName, Tag("single")] | Annotated[_Rows, Tag("list")], by_form]
 
 
