@@ -7,13 +7,14 @@ import numpy as np
 from engine.arrays import Floats
 from engine.contact.obstacles import ObstacleKind, Obstacles
 from engine.scene.edges import add_edges
+from engine.scene.fabrics import add_fabric
 from engine.scene.materials import known_materials, yarn_material
 from engine.scene.placement import axes
 from engine.scene.rods import add_rods
 from engine.scene.schema import Box, Cylinder, Obstacle, Scene, Script, Sphere
 from engine.scene.size import SizeEstimate, estimate
 from engine.scene.stack import add_contacts, levels
-from engine.scene.weave import add_weave, weave
+from engine.scene.weave import weave
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
 from engine.yarns.handles import Handles
 from engine.yarns.model import YarnModel, YarnState
@@ -54,14 +55,14 @@ def _yarns(scene: Scene) -> YarnAssembly:
     def material(name: str) -> YarnMaterial:
         return yarn_material(known[name])
 
-    handles: dict[str | None, int] = {handle.name: number for number, handle in enumerate(scene.script.handles)}
-    add_rods(assembly, scene, material, {None: -1, **handles})
+    handles = {None: -1} | {handle.name: number for number, handle in enumerate(scene.script.handles)}
+    add_rods(assembly, scene, material, handles)
     level = levels(scene.fabrics, scene.contacts)
     patches = {fabric.name: weave(fabric) for fabric in scene.fabrics}
     first_yarn = {}
     for index, fabric in enumerate(scene.fabrics):
-        warp, weft = material(fabric.material), material(fabric.weft_material or fabric.material)
-        first_yarn[fabric.name] = add_weave(assembly, index, fabric, warp, weft, level[fabric.name])
+        first_yarn[fabric.name] = add_fabric(
+            assembly, index, fabric, patches[fabric.name], material, level[fabric.name], handles)
     for contact in scene.contacts:
         lower, upper = contact.lower, contact.upper
         add_contacts(assembly, contact, patches[lower], patches[upper], first_yarn[lower], first_yarn[upper])
@@ -71,7 +72,7 @@ def _yarns(scene: Scene) -> YarnAssembly:
         if isinstance(box, Box):
             for fabric in scene.fabrics:
                 friction = below.get(fabric.name, box.friction)
-                add_edges(assembly, scene, box, fabric, first_yarn[fabric.name], friction)
+                add_edges(assembly, scene, box, fabric, patches[fabric.name], first_yarn[fabric.name], friction)
     return assembly
 
 
@@ -82,6 +83,8 @@ def _handles(script: Script) -> Handles:
         start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         time=np.array([keyframe.time for keyframe in keyframes], float),
         offset=np.array([keyframe.offset for keyframe in keyframes], float).reshape(-1, 3),
+        angles=np.array([keyframe.rotation for keyframe in keyframes], float).reshape(-1, 3),
+        pivot=np.array([handle.pivot for handle in script.handles], float).reshape(-1, 3),
     )
 
 

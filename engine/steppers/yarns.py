@@ -99,8 +99,7 @@ class YarnStepper:
         x, u = start.x.copy(), start.u.copy()
         held = self.model.handle >= 0
         if held.any():
-            motion = self.handles.offsets(time + h) - self.handles.offsets(time)
-            x[held] += motion[self.model.handle[held]]
+            x[held] = self.handles.carry(x[held], self.model.handle[held], time, h)
         du = np.zeros(self.model.node_count)
         du[potential.sliding] = h * start.u_rate[potential.sliding]
         further = x + h * np.einsum("pij,pj->pi", potential.projector[:, :3, :3], start.x_rate)

@@ -78,10 +78,14 @@ def strain(model: YarnModel, state: YarnState) -> Floats:
 def counts(model: YarnModel, state: YarnState) -> dict[str, int]:
     """Return how many points there are of each kind, as Table 1 of Sánchez-Banderas 2020 counts them."""
     states = node_states(model, state)
-    outer = np.isin(model.point_kind, (PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE))
+    first, second = model.fabric[model.node_yarn[model.point_nodes]].T
+    stitch = model.point_kind == PointKind.STITCH
+    seam = stitch & (first != second)
+    inner = (model.point_kind == PointKind.CROSSING) | (stitch & ~seam)
+    outer = np.isin(model.point_kind, (PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE)) | seam
     return dict(
         lagrangian=int(np.sum(states == NodeState.LAGRANGIAN)),
-        eol_intra=int(np.sum(state.active & np.isin(model.point_kind, (PointKind.CROSSING, PointKind.STITCH)))),
+        eol_intra=int(np.sum(state.active & inner)),
         eol_inter=int(np.sum(state.active & outer)),
         eil=int(np.sum((states == NodeState.EOL_EIL) | (states == NodeState.EIL_EIL))),
     )

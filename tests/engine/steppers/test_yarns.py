@@ -107,6 +107,16 @@ def test_constrained_points_stay_where_they_are_held():
     assert np.abs(edge).max() > 1e-5 and np.abs(state.u - start.u).max() > 1e-5
 
 
+def test_a_turning_handle_carries_what_it_holds_around_its_pivot():
+    model, state, handles = held_rod()
+    pivot = np.array([[0.0, 0.0, -0.1]])
+    turning = replace(handles, angles=np.array([[0.0, 0.0, 0.0], [0.0, 30.0, 0.0]]), pivot=pivot)
+    steps(alone(model, YarnSettings(), handles=turning), state, 5)
+    half_way = np.radians(15.0)
+    arm, offset = 0.1 * np.array([np.sin(half_way), 0.0, np.cos(half_way)]), [0.01, 0.0, 0.005]
+    np.testing.assert_allclose(state.x[model.handle == 0], pivot + arm + offset, atol=1e-15)
+
+
 def test_a_rejected_step_leaves_no_trace():
     model, state, handles = held_rod()
     steps(alone(model, YarnSettings(), handles=handles), state, 3)

@@ -1,5 +1,7 @@
 """What is read off a state, against sums over segments written out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,6 +45,17 @@ def test_counts_tell_every_point_that_is_left():
     assert counts["eol_intra"] == np.isin(model.point_kind, (PointKind.CROSSING, PointKind.STITCH)).sum()
     outer = np.isin(model.point_kind, (PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE))
     assert counts["eol_inter"] == outer.sum() - 1
+
+
+def test_seams_count_between_fabrics_and_stitches_of_one_fabric_within():
+    stack = random_stack(0)
+    model, state = stack.model, stack.state
+    (stitch,) = np.flatnonzero(model.point_kind == PointKind.STITCH)
+    before = observe.counts(model, state)
+    fabric = model.fabric.copy()
+    fabric[model.node_yarn[model.point_nodes[stitch, 1]]] = 7
+    after = observe.counts(replace(model, fabric=fabric), state)
+    assert (after["eol_intra"], after["eol_inter"]) == (before["eol_intra"] - 1, before["eol_inter"] + 1)
 
 
 def test_frames_hold_every_node_and_every_point_that_is_left():
