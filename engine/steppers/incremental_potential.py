@@ -6,7 +6,18 @@ from engine.arrays import Floats, Ints
 from engine.contact import obstacles as obstacle_contact
 from engine.contact.obstacles import Obstacles
 from engine.linalg.block_matrix import BLOCK, BlockMatrix, with_pattern
-from engine.yarns import bending, constraints, contact, friction, friction_circle, inertia, normal_force, parallel_contact, shear, stretch
+from engine.yarns import (
+    bending,
+    constraints,
+    contact,
+    friction,
+    friction_circle,
+    inertia,
+    normal_force,
+    parallel_contact,
+    shear,
+    stretch,
+)
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain
@@ -167,8 +178,8 @@ class IncrementalPotential:
                 pairs.append(np.column_stack([member[a][different], member[b][different]]))
         pairs.append(shear.pairs(m, c, self.sheared))
         pairs.append(m.node_point[self.parallel_pair])
-        pairs = np.concatenate(pairs)
-        return with_pattern(m.point_count, pairs[pairs[:, 0] != pairs[:, 1]])
+        pair = np.concatenate(pairs)
+        return with_pattern(m.point_count, pair[pair[:, 0] != pair[:, 1]])
 
     def hessian(self, x: Floats, u: Floats, convex: bool, a: BlockMatrix) -> None:
         """Write the Hessian, with the constrained unknowns as identity, to `a`; if `convex`, a positive form of it."""

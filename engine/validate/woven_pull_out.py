@@ -56,7 +56,7 @@ def pulled(dt: float) -> tuple[Floats, Floats]:
         x = np.array([k * SPACING, 0.0, 0.0])
         other = yarns.yarn(CORD, SPACING, SPACING, fabric=0)
         for end in (-0.5, 0.5):
-            yarns.lagrangian(other, (end + 0.5) * SPACING, x + [0.0, end * SPACING, 0.0], pinned=True)
+            yarns.lagrangian(other, (end + 0.5) * SPACING, x + end * np.array([0.0, SPACING, 0.0]), pinned=True)
         below, above = (drawn, x[0] - start), (other, 0.5 * SPACING)
         if k % 2:
             below, above = above, below

@@ -21,7 +21,7 @@ ANGLES = (80.0, 70.0, 60.0, 50.0, 47.0, 44.0, 42.0)  # of the frame, one after t
 RATE, REST = 50.0, 0.1  # of the angle between rests, and time at rest [deg/s], [s]
 STICKING = 1e3  # friction: yarns that slide gather, and shear more where their segments are short
 FINEST = 0.5  # angle that the frame turns between two keyframes: its sides must not shorten by their chords [deg]
-TIGHT: dict[str, Any] = dict(tolerance=0.1, linear_tolerance=1e-6, friction_factor=10.0)  # of forces of which the tension is the least
+TIGHT: dict[str, Any] = dict(tolerance=0.1, linear_tolerance=1e-6, friction_factor=10.0)  # relative to a tension near zero
 
 
 @case("woven-picture-frame", bar=1e-2, summary="patch sheared in a frame: moment of the frame against the summed shear law")
@@ -62,7 +62,7 @@ def frame_moments(dt: float) -> Floats:
                       np.concatenate([side * moved for side in sides]))
     yarns = stepper(model, WEIGHTLESS, handles, **TIGHT)
     held = np.flatnonzero(model.handle >= 0)
-    moments = []
+    moments: list[float] = []
     for step in range(ends[-1]):
         report = yarns.step(state, step * dt, dt)
         if not report.accepted:
