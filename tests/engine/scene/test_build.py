@@ -206,7 +206,9 @@ def test_materials():
     assert thick.density == pytest.approx(770 * area) and thick.stretch_stiffness == pytest.approx(5e5 * area)
     assert thick.bending_stiffness == pytest.approx(1e5 * np.pi * 2.25e-3**4 / 4)
     own = built(fabrics=[cloth(weft_material="m")],
-                materials={"m": {"radius": 1e-3, "linear_density": 2e-3, "stretch_stiffness": 3.0}}).yarns
+                materials={"m": {"radius": 1e-3, "linear_density": 2e-3, "stretch_stiffness": 3.0,
+                                 "shear_stiffness": 0.02}}).yarns
+    assert own.shear_stiffness[[3, 4]].tolist() == [0.0, 0.02]
     assert own.radius[[3, 4]].tolist() == [2.25e-3, 1e-3] and own.stretch_stiffness[4] == 3.0
 
 

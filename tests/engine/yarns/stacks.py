@@ -50,7 +50,8 @@ def random_stack(seed: int, **material: float) -> Stack:
     """
     yarns = YarnAssembly()
     material = replace(MATERIAL, **material)
-    _add_weaves(yarns, material, near=0.2)
+    # so thick and close that neighbours touch
+    _add_weaves(yarns, replace(material, radius=2.0 * material.radius), near=0.2, spacing=0.7)
     _add_rods(yarns, material)
     model, state = yarns.build()
     rng = np.random.default_rng(seed)
@@ -134,17 +135,13 @@ def positions_of(model: YarnModel, *nodes: int) -> Ints:
         BLOCK * model.node_point[n] + np.array([0, 1, 2, 3 + model.node_slot[n]], np.int64) for n in nodes])
 
 
-def _add_weaves(yarns, material, near, pinned=True):
-    """Add two weaves of four yarns; those of the second lie `near` and far from those of the first that they follow.
-
-    The yarns are so thick that neighbours touch.
-    """
-    material = replace(material, radius=2.0 * material.radius)
+def _add_weaves(yarns, material, near, spacing=1.0, pinned=True):
+    """Add two weaves of four yarns; those of the second lie `near` and far from those of the first that they follow."""
     warp, weft = (
         [[yarns.yarn(material, 2.0, 1.0, fabric, obstacle_distance=0.25) for _ in range(2)] for fabric in range(2)]
         for _ in range(2))
     shift = np.array([[0.0, 0.0], [near, 0.35]])
-    y_of, x_of = 0.7 * np.arange(2) - shift, 0.7 * np.arange(2) + shift  # places of warps and wefts
+    y_of, x_of = spacing * np.arange(2) - shift, spacing * np.arange(2) + shift  # places of warps and wefts
     for fabric in range(2):
         for k in range(2):
             for end in (0.0, 2.0):
