@@ -41,7 +41,7 @@ def build(scene: Scene) -> Built:
         yarns=model,
         state=state,
         handles=_handles(scene.script),
-        obstacles=_obstacles(scene.obstacles),
+        obstacles=_obstacles(scene),
         gravity=np.array(scene.gravity),
         settings=YarnSettings(**scene.step.model_dump(exclude={"default", "min", "max"})),
     )
@@ -54,8 +54,7 @@ def _yarns(scene: Scene) -> YarnAssembly:
     def material(name: str) -> YarnMaterial:
         return yarn_material(known[name])
 
-    handles: dict[str | None, int] = {handle.name: number for number, handle in enumerate(scene.script.handles)}
-    add_rods(assembly, scene, material, {None: -1, **handles})
+    add_rods(assembly, scene, material, _handle_numbers(scene.script))
     level = levels(scene.fabrics, scene.contacts)
     patches = {fabric.name: weave(fabric) for fabric in scene.fabrics}
     first_yarn = {}
@@ -85,13 +84,21 @@ def _handles(script: Script) -> Handles:
     )
 
 
-def _obstacles(obstacles: tuple[Obstacle, ...]) -> Obstacles:
+def _handle_numbers(script: Script) -> dict[str | None, int]:
+    """Numbers of handles by name, -1 for None."""
+    return {None: -1, **{handle.name: number for number, handle in enumerate(script.handles)}}
+
+
+def _obstacles(scene: Scene) -> Obstacles:
+    obstacles, numbers = scene.obstacles, _handle_numbers(scene.script)
+    handle = np.array([numbers[obstacle.handle] for obstacle in obstacles], np.int64)
     return Obstacles(
         kind=np.array([ObstacleKind[obstacle.shape.upper()] for obstacle in obstacles], np.int64),
         centre=np.array([obstacle.position for obstacle in obstacles], float).reshape(-1, 3),
         rotation=np.array([axes(obstacle.rotation) for obstacle in obstacles], float).reshape(-1, 3, 3),
         size=np.array([_size(obstacle) for obstacle in obstacles], float).reshape(-1, 3),
         friction=np.array([obstacle.friction for obstacle in obstacles], float),
+        handle=handle if np.any(handle >= 0) else None,
     )
 
 

@@ -165,6 +165,8 @@ class _Solid(Part):
     rotation: Angles = (0.0, 0.0, 0.0)
     """Rotations about the fixed x, y, z axes through `position`, in this order."""
     friction: Friction = 0.5
+    handle: Name | None = None
+    """Handle of `script` that carries the obstacle; it drags along what rubs on it."""
 
 
 class Plane(_Solid):
@@ -181,7 +183,8 @@ class Box(_Solid):
     """Lengths of its sides [m]."""
     edges: bool = False
     """Yarns of fabrics that lie on the top (local z) at the start slide over its edges on nodes of their own, where
-    they cross the edges at 10 degrees or more. Over another fabric they do so with the friction of the two fabrics."""
+    they cross the edges at 10 degrees or more. Over another fabric they do so with the friction of the two fabrics. Such a
+    box stays where it is."""
 
 
 class Sphere(_Solid):

@@ -4,7 +4,7 @@ import numpy as np
 
 from engine.arrays import Floats, Ints
 from engine.contact import obstacles as obstacle_contact
-from engine.contact.obstacles import Obstacles
+from engine.contact.obstacles import ObstacleMotion
 from engine.linalg.block_matrix import BLOCK, BlockMatrix, with_pattern
 from engine.yarns import bending, constraints, contact, friction, inertia, normal_force, stretch
 from engine.yarns.model import PointKind, YarnModel, YarnState
@@ -16,7 +16,7 @@ class IncrementalPotential:
     """I + V of a step of size h from `state`, whose assignment is `chain`; forces and anchors are those of its start."""
 
     def __init__(
-        self, model: YarnModel, settings: YarnSettings, gravity: Floats, obstacles: Obstacles,
+        self, model: YarnModel, settings: YarnSettings, gravity: Floats, obstacles: ObstacleMotion,
         state: YarnState, chain: Chain, h: float,
     ):
         """Freeze what stays constant within the step."""
@@ -50,6 +50,11 @@ class IncrementalPotential:
         self.touching = self._touching()
         distance = model.obstacle_distance[model.node_yarn]
         self.obstacle_distance = np.minimum(distance[first], np.where(second >= 0, distance[second], np.inf))
+        self.obstacle_anchor = state.obstacle_anchor.copy()
+        self.obstacle_normal, self.obstacle_limit = np.zeros((model.point_count, 3)), np.zeros(model.point_count)
+        if len(self.touching):
+            obstacle_contact.carry(self.touching, obstacles.begin, obstacles.end, obstacles.friction, state.obstacle_force,
+                                   self.x0, self.obstacle_anchor, self.obstacle_normal, self.obstacle_limit)
 
         self.projector = constraints.projectors(model, state)
         self.constrained = (self.projector != np.eye(BLOCK)).any(axis=(1, 2))
@@ -62,7 +67,7 @@ class IncrementalPotential:
 
     def _touching(self) -> Ints:
         """Points that may touch obstacles: those whose x moves with one fabric's material."""
-        if len(self.obstacles.kind) == 0:
+        if len(self.obstacles.end.kind) == 0:
             return np.zeros(0, np.int64)
         model, state = self.model, self.state
         kind = model.point_kind
@@ -86,7 +91,7 @@ class IncrementalPotential:
 
     def gradient(self, x: Floats, u: Floats) -> tuple[float, Floats]:
         """Return the energy [J] and the gradient with respect to the unknowns of points [P, 5] [N]."""
-        m, o = self.model, self.obstacles
+        m = self.model
         energy = self.internal(x, u)
         energy += friction.add_gradient(self.sliding, self.friction_stiffness, self.friction_limit, self.state.anchor,
                                         self.hold, self.u0, u, self.by_node)
@@ -94,8 +99,8 @@ class IncrementalPotential:
         constraints.gather(m.node_point, m.node_slot, self.by_node, gradient)
         if len(self.touching):
             energy += obstacle_contact.add_gradient(
-                self.touching, o.kind, o.centre, o.rotation, o.size, o.friction, self.obstacle_distance,
-                self.obstacle_stiffness, self.state.obstacle_anchor, self.state.obstacle_force, self.x0, x, gradient)
+                self.touching, self.obstacles.end, self.obstacle_distance, self.obstacle_stiffness, self.obstacle_anchor,
+                self.obstacle_normal, self.obstacle_limit, x, gradient)
         constraints.project_gradient(self.constrained_points, self.projector, gradient)
         return energy, gradient
 
@@ -143,7 +148,7 @@ class IncrementalPotential:
 
     def hessian(self, x: Floats, u: Floats, convex: bool, a: BlockMatrix) -> None:
         """Write the Hessian, with the constrained unknowns as identity, to `a`; if `convex`, a positive form of it."""
-        m, c, o = self.model, self.chain, self.obstacles
+        m, c = self.model, self.chain
         a.block[:] = 0.0
         inertia.add_hessian(c.node, c.after, m.node_yarn, m.node_point, m.node_slot, m.density, m.kinematic, self.h,
                             self.u0, self.prediction, u, a.start, a.column, a.block)
@@ -157,7 +162,6 @@ class IncrementalPotential:
                              self.state.anchor, self.hold, u, a.diagonal, a.block)
         if len(self.touching):
             obstacle_contact.add_hessian(
-                self.touching, o.kind, o.centre, o.rotation, o.size, o.friction, self.obstacle_distance,
-                self.obstacle_stiffness, self.state.obstacle_anchor, self.state.obstacle_force, self.x0, x, a.diagonal,
-                a.block)
+                self.touching, self.obstacles.end, self.obstacle_distance, self.obstacle_stiffness, self.obstacle_anchor,
+                self.obstacle_normal, self.obstacle_limit, x, a.diagonal, a.block)
         constraints.project_hessian(self.constrained, self.projector, a.start, a.column, a.diagonal, a.block)

@@ -5,7 +5,7 @@ from numba import njit
 
 from engine.arrays import Floats, Ints
 from engine.contact import obstacles as obstacle_contact
-from engine.contact.obstacles import Obstacles
+from engine.contact.obstacles import Obstacles, motion
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.line_search import line_search, longest_update
 from engine.steppers.newton_system import NewtonSystem
@@ -35,8 +35,8 @@ class YarnStepper:
         report, watch = StepReport(), Stopwatch()
         start = state.copy()
         chain = self.assign_nodes(start, h)
-        potential = IncrementalPotential(
-            self.model, self.settings, self.gravity, self.obstacles, start, chain, h)
+        obstacles = motion(self.obstacles, self.handles, time, h)
+        potential = IncrementalPotential(self.model, self.settings, self.gravity, obstacles, start, chain, h)
         system = NewtonSystem(potential, self.settings, watch)
         watch.lap("assign")
 
@@ -146,11 +146,10 @@ class YarnStepper:
         untouched[potential.touching] = False
         start.obstacle_force[untouched], start.obstacle_anchor[untouched] = 0.0, x[untouched]
         if len(potential.touching):
-            o = self.obstacles
+            start.obstacle_anchor[potential.touching] = potential.obstacle_anchor[potential.touching]
             deepest = obstacle_contact.settle(
-                potential.touching, o.kind, o.centre, o.rotation, o.size, o.friction, potential.obstacle_distance,
-                potential.obstacle_stiffness, x, start.obstacle_anchor, start.obstacle_force,
-                potential.state.obstacle_force.copy())
+                potential.touching, potential.obstacles.end, potential.obstacle_distance, potential.obstacle_stiffness,
+                potential.obstacle_limit, x, start.obstacle_anchor, start.obstacle_force)
             report.penetration = deepest / float(self.radius[potential.touching].min())
 
         start.x, start.u = x, u

@@ -6,10 +6,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from engine.arrays import Floats, Ints
-from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.contact.obstacles import ObstacleKind, Obstacles, motion
 from engine.linalg.block_matrix import BLOCK
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
+from engine.yarns.handles import no_handles
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, chain_of, standing
@@ -40,7 +41,8 @@ class Stack:
 
     def potential(self, settings: YarnSettings = SETTINGS) -> IncrementalPotential:
         """The incremental potential of a step from here."""
-        return IncrementalPotential(self.model, settings, self.gravity, self.obstacles, self.state, self.chain, H)
+        obstacles = motion(self.obstacles, no_handles(), 0.0, H)
+        return IncrementalPotential(self.model, settings, self.gravity, obstacles, self.state, self.chain, H)
 
 
 def random_stack(seed: int, **material: float) -> Stack:
