@@ -79,7 +79,8 @@ class Recorder:
         stream.set_time(TIMELINE, duration=frame.time)
         stream.set_time("frame", sequence=frame.index)
         for index, move in shapes.moves(self._obstacles, self._handles, frame.time).items():
-            stream.log(f"{OBSTACLES}/{index}", rr.Transform3D(translation=move.position, quaternion=np.roll(move.wxyz, -1)))
+            turned = rr.Quaternion(xyzw=np.roll(move.wxyz, -1))
+            stream.log(f"{OBSTACLES}/{index}", rr.Transform3D(translation=move.position, quaternion=turned))
         if frame.yarns is not None:
             drawn = self._layout(frame.yarns)
             stream.log(CLOTH, rr.LineStrips3D.from_fields(strips=strips(drawn.line_positions, drawn.line_offsets)))

@@ -15,6 +15,7 @@ import numpy as np
 
 import engine
 from engine.bench.suite import Measurement, benchmark, median_seconds
+from engine.contact.obstacles import motion
 from engine.linalg.block_matrix import BLOCK
 from engine.scene.build import Built, build
 from engine.scene.load import load_scene
@@ -93,8 +94,9 @@ class Steps:
     def system(self) -> tuple[NewtonSystem, IncrementalPotential]:
         """Return the linear system of the next step, without its values."""
         chain = observe.chain_now(self.model, self.state)
-        potential = IncrementalPotential(self.model, self.built.settings, self.built.gravity, self.built.obstacles,
-                                         self.state, chain, STEP)
+        obstacles = motion(self.built.obstacles, self.built.handles, self.time, STEP)
+        potential = IncrementalPotential(self.model, self.built.settings, self.built.gravity, obstacles, self.state, chain,
+                                         STEP)
         return NewtonSystem(potential, self.built.settings, Stopwatch()), potential
 
 
