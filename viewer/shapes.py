@@ -112,6 +112,10 @@ def obstacle_mesh(
     elif kind is ObstacleKind.SPHERE:
         local, faces = sphere(24)
         local = local * size[0]
+    elif kind is ObstacleKind.MESH and obstacles.surfaces is not None:
+        surface = obstacles.surfaces.surface[index]
+        assert surface is not None
+        local, faces = surface.vertices, surface.faces.astype(np.uint32)
     else:
         local, faces = cylinder(64)
         local = local * (size[0], size[0], 2 * size[1])

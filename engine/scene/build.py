@@ -6,11 +6,13 @@ import numpy as np
 
 from engine.arrays import Floats
 from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.contact.surface import packed
 from engine.scene.edges import add_edges
 from engine.scene.materials import known_materials, yarn_material
+from engine.scene.meshes import contact_reach, sampled_mesh
 from engine.scene.placement import axes
 from engine.scene.rods import add_rods
-from engine.scene.schema import Box, Cylinder, Obstacle, Scene, Script, Sphere
+from engine.scene.schema import Box, Cylinder, Mesh, Obstacle, Scene, Script, Sphere
 from engine.scene.size import SizeEstimate, estimate
 from engine.scene.stack import add_contacts, levels
 from engine.scene.weave import add_weave, weave
@@ -92,13 +94,19 @@ def _handle_numbers(script: Script) -> dict[str | None, int]:
 def _obstacles(scene: Scene) -> Obstacles:
     obstacles, numbers = scene.obstacles, _handle_numbers(scene.script)
     handle = np.array([numbers[obstacle.handle] for obstacle in obstacles], np.int64)
+    rotation = np.array([axes(obstacle.rotation) for obstacle in obstacles], float).reshape(-1, 3, 3)
+    meshes = [sampled_mesh(obstacle, contact_reach(scene)) if isinstance(obstacle, Mesh) else None for obstacle in obstacles]
+    middle = np.array([np.zeros(3) if mesh is None else mesh.middle for mesh in meshes]).reshape(-1, 3)
+    size = [_size(obstacle) if mesh is None else mesh.size for obstacle, mesh in zip(obstacles, meshes, strict=True)]
     return Obstacles(
         kind=np.array([ObstacleKind[obstacle.shape.upper()] for obstacle in obstacles], np.int64),
-        centre=np.array([obstacle.position for obstacle in obstacles], float).reshape(-1, 3),
-        rotation=np.array([axes(obstacle.rotation) for obstacle in obstacles], float).reshape(-1, 3, 3),
-        size=np.array([_size(obstacle) for obstacle in obstacles], float).reshape(-1, 3),
+        centre=np.array([obstacle.position for obstacle in obstacles], float).reshape(-1, 3)
+        + np.einsum("oij,oj->oi", rotation, middle),
+        rotation=rotation,
+        size=np.array(size, float).reshape(-1, 3),
         friction=np.array([obstacle.friction for obstacle in obstacles], float),
         handle=handle if np.any(handle >= 0) else None,
+        surfaces=packed(meshes),
     )
 
 

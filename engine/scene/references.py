@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from engine.scene.materials import known_materials
+from engine.scene.meshes import mesh_problems
 from engine.scene.problems import Problem, unknown_name
 from engine.scene.rods import held_points, piece_lengths, piece_segments
 from engine.scene.schema import Box, Fabric, Handle, Scene, Yarn
@@ -14,7 +15,7 @@ from engine.scene.weave import weave
 
 def disagreements(scene: Scene) -> Iterator[Problem]:
     """Yield what does not agree; later checks rely on earlier ones, so the first kind of problems ends the search."""
-    for check in (_step, _names, _known_names, _lines, _held_points, _ends, _stacks, _edges):
+    for check in (_step, _names, _known_names, _lines, _held_points, _ends, _stacks, _edges, mesh_problems):
         problem = None
         for problem in check(scene):
             yield problem

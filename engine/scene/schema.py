@@ -20,6 +20,7 @@ from engine.scene.quantities import (
     Several,
     Sizes,
     Text,
+    Triangle,
     Vector,
 )
 from engine.yarns.settings import YarnSettings
@@ -202,7 +203,21 @@ class Cylinder(_Solid):
     height: Length
 
 
-Obstacle = Annotated[Plane | Box | Sphere | Cylinder, Field(discriminator="shape")]
+class Mesh(_Solid):
+    """A body with a closed surface of triangles, felt through samples of its distance."""
+
+    shape: Literal["mesh"]
+    file: Annotated[str, Field(min_length=1, max_length=255)] | None = None
+    """STL, OBJ, PLY or GLB file beside the scene's own, or below it; read when the scene is, from a file only."""
+    vertices: Many[Vector] = ()
+    """Corners in the body's own frame [m]."""
+    faces: Many[Triangle] = ()
+    """Triangles as indices of three vertices, all turned the same way seen from outside."""
+    resolution: Length | None = None
+    """Spacing of the samples [m], by default 1/64 of the longest side; edges are rounded by about as much."""
+
+
+Obstacle = Annotated[Plane | Box | Sphere | Cylinder | Mesh, Field(discriminator="shape")]
 
 
 class Keyframe(Part):

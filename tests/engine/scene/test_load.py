@@ -111,7 +111,7 @@ WRONG = {
         with_cloth() | {"materials": {"radius": {"radius": 1, "linear_density": 1, "stretch_stiffness": 1, "x": 1}}},
         "materials.radius.x", "unknown key", "youngs_modulus"),
     "unknown variant": (with_cloth() | {"obstacles": [{"shape": "bx"}]},
-                        "obstacles[0].shape", 'cannot be "bx"; did you mean box?', "plane, box, sphere, cylinder"),
+                        "obstacles[0].shape", 'cannot be "bx"; did you mean box?', "plane, box, sphere, cylinder, mesh"),
     "no variant": (with_cloth() | {"obstacles": [{}]}, "obstacles[0].shape", "is missing", "plane, box"),
     "missing": ({"strandline": 1, "name": "x", "fabrics": [cloth()]}, "duration", "is missing", "Simulated time [s]"),
     "another version": (with_cloth() | {"strandline": 2}, "strandline", "cannot be 2", "1"),

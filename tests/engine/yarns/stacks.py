@@ -3,10 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from engine.arrays import Floats, Ints
 from engine.contact.obstacles import ObstacleKind, Obstacles, motion
+from engine.contact.surface import Surface, packed, sampled
 from engine.linalg.block_matrix import BLOCK
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
@@ -109,12 +111,16 @@ def straight_yarn(
 
 def some_obstacles() -> Obstacles:
     """Return one obstacle of each kind; the plane reaches all points, each of the others a few."""
+    ball = trimesh.creation.icosphere(2, 0.3)
+    mesh = sampled(Surface(np.array(ball.vertices), np.array(ball.faces, np.int64)), 0.05, 0.2)
+    angles = [[3, -2, 0], [2, 3, 20], [0, 0, 0], [5, 3, 0], [30, -20, 10]]
     return Obstacles(
-        kind=np.array([ObstacleKind.PLANE, ObstacleKind.BOX, ObstacleKind.SPHERE, ObstacleKind.CYLINDER], np.int64),
-        centre=np.array([[0.0, 0, -0.15], [1.0, 1.0, -0.35], [0.0, 0.0, -0.3], [1.1, 0.1, -0.25]]),
-        rotation=Rotation.from_euler("xyz", [[3, -2, 0], [2, 3, 20], [0, 0, 0], [5, 3, 0]], degrees=True).as_matrix(),
-        size=np.array([[0.0, 0, 0], [0.2, 0.25, 0.3], [0.25, 0, 0], [0.3, 0.2, 0]]),
-        friction=np.array([0.4, 0.5, 0.3, 0.2]))
+        kind=np.array(list(ObstacleKind), np.int64),
+        centre=np.array([[0.0, 0, -0.15], [1.0, 1.0, -0.35], [0.0, 0.0, -0.3], [1.1, 0.1, -0.25], [0.1, 1.0, -0.3]]),
+        rotation=Rotation.from_euler("xyz", angles, degrees=True).as_matrix(),
+        size=np.array([[0.0, 0, 0], [0.2, 0.25, 0.3], [0.25, 0, 0], [0.3, 0.2, 0], mesh.size]),
+        friction=np.array([0.4, 0.5, 0.3, 0.2, 0.3]),
+        surfaces=packed([None, None, None, None, mesh]))
 
 
 def unknowns(model: YarnModel, x: Floats, u: Floats) -> Floats:
