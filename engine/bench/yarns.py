@@ -77,7 +77,7 @@ class Steps:
         b = self.built
         assert b.yarns is not None and b.state is not None
         self.model, self.state = b.yarns, b.state
-        self.stepper = YarnStepper(b.yarns, b.settings, b.gravity, b.obstacles, b.handles)
+        self.stepper = YarnStepper(b.yarns, b.settings, b.gravity, b.obstacles, b.handles, b.collisions)
 
     def take(self, count: int) -> list[tuple[float, StepReport]]:
         """Return seconds and report of `count` steps; raises RuntimeError where one is rejected."""

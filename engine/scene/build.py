@@ -6,6 +6,7 @@ import numpy as np
 
 from engine.arrays import Floats
 from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.contact.sphere_packing import Collisions, collisions_at_start
 from engine.contact.surface import packed
 from engine.scene.edges import add_edges
 from engine.scene.materials import known_materials, yarn_material
@@ -32,6 +33,7 @@ class Built:
     state: YarnState | None
     handles: Handles
     obstacles: Obstacles
+    collisions: Collisions | None  # None where yarns meet at points only
     gravity: Floats  # [m/s^2], shape [3]
     settings: YarnSettings
 
@@ -44,6 +46,7 @@ def build(scene: Scene) -> Built:
         state=state,
         handles=_handles(scene.script),
         obstacles=_obstacles(scene),
+        collisions=_collisions(scene, model, state),
         gravity=np.array(scene.gravity),
         settings=YarnSettings(**scene.step.model_dump(exclude={"default", "min", "max"})),
     )
@@ -84,6 +87,13 @@ def _handles(script: Script) -> Handles:
         time=np.array([keyframe.time for keyframe in keyframes], float),
         offset=np.array([keyframe.offset for keyframe in keyframes], float).reshape(-1, 3),
     )
+
+
+def _collisions(scene: Scene, model: YarnModel, state: YarnState) -> Collisions | None:
+    if not scene.contact.self:
+        return None
+    contact = scene.contact
+    return collisions_at_start(model, state, contact.thickness, contact.stiffness, contact.spacing)
 
 
 def _handle_numbers(script: Script) -> dict[str | None, int]:

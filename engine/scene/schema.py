@@ -220,6 +220,19 @@ class Mesh(_Solid):
 Obstacle = Annotated[Plane | Box | Sphere | Cylinder | Mesh, Field(discriminator="shape")]
 
 
+class Collisions(Part):
+    """How yarns keep apart where no crossing or contact joins them: cloth and cloth, or parts of one."""
+
+    self: bool = False
+    """Whether they do. It costs a search in every step; friction does not act there."""
+    thickness: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    """Distance at which their centre lines begin to push, over the sum of their radii."""
+    stiffness: Positive = 1.0
+    """Stiffness of the push, over stretch stiffness / rest segment."""
+    spacing: Annotated[float, Field(ge=0.1, le=2.5)] = 0.5
+    """Distance of the spheres that stand for a yarn, in its radii, at most."""
+
+
 class Keyframe(Part):
     """Where a handle is at a time."""
 
@@ -276,6 +289,7 @@ class Scene(Part):
     crossings: Many[Crossing] = ()
     fabrics: Few[Fabric] = ()
     contacts: Several[Contact] = ()
+    contact: Collisions = Collisions()
     obstacles: Few[Obstacle] = ()
     script: Script = Script()
     output: Output = Output()

@@ -3,7 +3,9 @@
 import numpy as np
 
 from engine.arrays import Floats, Ints
+from engine.contact import collisions
 from engine.contact import obstacles as obstacle_contact
+from engine.contact.collisions import CollisionPairs
 from engine.contact.obstacles import ObstacleMotion
 from engine.linalg.block_matrix import BLOCK, BlockMatrix, with_pattern
 from engine.yarns import bending, constraints, contact, friction, inertia, normal_force, stretch
@@ -17,10 +19,11 @@ class IncrementalPotential:
 
     def __init__(
         self, model: YarnModel, settings: YarnSettings, gravity: Floats, obstacles: ObstacleMotion,
-        state: YarnState, chain: Chain, h: float,
+        state: YarnState, chain: Chain, h: float, colliding: CollisionPairs | None = None,
     ):
         """Freeze what stays constant within the step."""
         self.model, self.obstacles, self.state, self.chain, self.h = model, obstacles, state, chain, h
+        self.colliding = colliding
         self.x0, self.u0 = state.x.copy(), state.u.copy()
         yarn_scale = model.stretch_stiffness / model.rest_segment
         first, second = model.point_nodes.T
@@ -101,6 +104,8 @@ class IncrementalPotential:
             energy += obstacle_contact.add_gradient(
                 self.touching, self.obstacles.end, self.obstacle_distance, self.obstacle_stiffness, self.obstacle_anchor,
                 self.obstacle_normal, self.obstacle_limit, x, gradient)
+        if (pairs := self.colliding) is not None:
+            energy += collisions.add_gradient(pairs.point, pairs.weight, pairs.rest, pairs.stiffness, x, gradient)
         constraints.project_gradient(self.constrained_points, self.projector, gradient)
         return energy, gradient
 
@@ -144,6 +149,8 @@ class IncrementalPotential:
             for b in range(a):
                 different = member[a] != member[b]
                 pairs.append(np.column_stack([member[a][different], member[b][different]]))
+        if self.colliding is not None:
+            pairs.append(self.colliding.coupled(m.point_count))
         return with_pattern(m.point_count, np.concatenate(pairs))
 
     def hessian(self, x: Floats, u: Floats, convex: bool, a: BlockMatrix) -> None:
@@ -164,4 +171,7 @@ class IncrementalPotential:
             obstacle_contact.add_hessian(
                 self.touching, self.obstacles.end, self.obstacle_distance, self.obstacle_stiffness, self.obstacle_anchor,
                 self.obstacle_normal, self.obstacle_limit, x, a.diagonal, a.block)
+        if (pairs := self.colliding) is not None:
+            collisions.add_hessian(pairs.point, pairs.weight, pairs.rest, pairs.stiffness, x, convex, a.start, a.column,
+                                   a.block)
         constraints.project_hessian(self.constrained, self.projector, a.start, a.column, a.diagonal, a.block)

@@ -86,6 +86,10 @@ def without_obstacles(p):
     p.touching = NONE
 
 
+def without_collisions(p):
+    p.colliding = None
+
+
 def change_of_mass(p, x, u, full):
     """I = rho Du S / (6 h^2): the Hessian takes the mass rho Du of a segment as constant; S is of order h^4."""
     m = p.model
@@ -148,4 +152,5 @@ TERMS = [
     Term("contact", without_contact, internal=True),
     Term("friction", without_friction),
     Term("obstacles", without_obstacles, left_out=curvature_of_obstacles),
+    Term("collisions", without_collisions, internal=True),
 ]
