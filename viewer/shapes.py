@@ -115,7 +115,7 @@ def obstacle_mesh(
     elif kind is ObstacleKind.MESH and obstacles.surfaces is not None:
         surface = obstacles.surfaces.surface[index]
         assert surface is not None
-        local, faces = surface.vertices, surface.faces.astype(np.uint32)
+        local, faces = surface.vertices.astype(np.float32), surface.faces.astype(np.uint32)
     else:
         local, faces = cylinder(64)
         local = local * (size[0], size[0], 2 * size[1])

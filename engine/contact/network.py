@@ -28,6 +28,22 @@ def network_of(model: YarnModel, state: YarnState) -> Network:
 
 
 @njit(cache=True)
+def around(network, segment, share, u):
+    """Return the nodes of the network around places at `share` [S] of segments between nodes [S, 2], shape [S, 2].
+
+    Between the EoL nodes of a segment there may be others that join, EIL nodes.
+    """
+    found = segment.copy()
+    for s in range(len(share)):
+        here = u[segment[s, 0]] + share[s] * (u[segment[s, 1]] - u[segment[s, 0]])
+        n = segment[s, 0]
+        while network.after[n] != segment[s, 1] and u[network.after[n]] <= here:
+            n = network.after[n]
+        found[s, 0], found[s, 1] = n, network.after[n]
+    return found
+
+
+@njit(cache=True)
 def spread(first, second, reach, mark, network, u, node_point, point_nodes, joined, left, waiting, queue):
     """Write `mark` to `joined` [P] at all points within `reach` [m] of two of them, along yarns.
 

@@ -17,7 +17,7 @@ from numba import njit
 
 from engine.arrays import Floats, Ints
 from engine.contact.collisions import CollisionPairs
-from engine.contact.network import Network, network_of, spread
+from engine.contact.network import around, network_of, spread
 from engine.yarns.model import YarnModel, YarnState
 from engine.yarns.topology import Chain, chain_of
 
@@ -116,9 +116,11 @@ def touching(collisions: Collisions, model: YarnModel, state: YarnState, spheres
     key = (cell[:, 0] * along[1] + cell[:, 1]) * along[2] + cell[:, 2]
     stored = np.argsort(key, kind="stable")
     reach = NEAR_RADII * model.radius + NEAR_SEGMENTS * model.rest_segment
-    return _search(spheres.node, spheres.centre, motion, radius, 1.0 + slack, model.node_yarn, model.node_point,
-                   model.kinematic, reach, state.u, model.point_nodes, network_of(model, state), key, key[stored], stored,
-                   along[1], along[2])
+    network = network_of(model, state)
+    beside = model.node_point[around(network, spheres.node, spheres.share, state.u)]
+    yarn = _yarn(model, spheres, slice(None))
+    return _search(beside, spheres.centre, motion, radius, 1.0 + slack, model.kinematic[yarn], reach[yarn], state.u,
+                   model.node_point, model.point_nodes, network, key, key[stored], stored, along[1], along[2])
 
 
 def release(collisions: Collisions, model: YarnModel, state: YarnState, chain: Chain) -> None:
@@ -155,18 +157,21 @@ def _pair(model, spheres, first, second):
 
 
 @njit(cache=True)
-def _search(node, centre, motion, radius, widened, node_yarn, node_point, kinematic, reach, u, point_nodes, network, key,
-            sorted_key, stored, along_y, along_z):
-    """Pairs in ascending order of their first sphere, and then cell by cell: the same on every run."""
-    pairs = np.empty((max(len(node), 64), 2), np.int64)
-    count, segment, spread_from = 0, -1, -1
-    joined = np.full(len(point_nodes), -1, np.int64)  # the segment from which a point was reached last
+def _search(beside, centre, motion, radius, widened, given, reach, u, node_point, point_nodes, network, key, sorted_key,
+            stored, along_y, along_z):
+    """Pairs in ascending order of their first sphere, and then cell by cell: the same on every run.
+
+    `beside` [S, 2] are the points of the network around each sphere, `given` [S] says whose yarn has a given shape.
+    """
+    pairs = np.empty((max(len(centre), 64), 2), np.int64)
+    count = interval = 0
+    spread_from = -1
+    joined = np.full(len(point_nodes), -1, np.int64)  # the interval from which a point was reached last
     left, waiting = np.zeros(len(point_nodes)), np.zeros(len(point_nodes), np.bool_)
     queue = np.empty(len(point_nodes) + 1, np.int64)
-    for a in range(len(node)):
-        yarn = node_yarn[node[a, 0]]
-        if a == 0 or node[a, 0] != node[a - 1, 0] or node[a, 1] != node[a - 1, 1]:
-            segment = a
+    for a in range(len(centre)):
+        if a > 0 and (beside[a, 0] != beside[a - 1, 0] or beside[a, 1] != beside[a - 1, 1]):
+            interval = a
         for dx in range(-1, 2):
             for dy in range(-1, 2):
                 row = key[a] + (dx * along_y + dy) * along_z
@@ -174,7 +179,7 @@ def _search(node, centre, motion, radius, widened, node_yarn, node_point, kinema
                 while at < len(stored) and sorted_key[at] <= row + 1:
                     b = stored[at]
                     at += 1
-                    if b <= a or (kinematic[yarn] and kinematic[node_yarn[node[b, 0]]]):
+                    if b <= a or (given[a] and given[b]):
                         continue
                     square = closing = 0.0
                     for k in range(3):
@@ -182,11 +187,11 @@ def _search(node, centre, motion, radius, widened, node_yarn, node_point, kinema
                         closing += (motion[a, k] - motion[b, k]) ** 2
                     if square >= (widened * (radius[a] + radius[b]) + np.sqrt(closing)) ** 2:
                         continue
-                    if spread_from != segment:
-                        spread_from = segment
-                        spread(node_point[node[a, 0]], node_point[node[a, 1]], reach[yarn], segment, network, u, node_point,
-                               point_nodes, joined, left, waiting, queue)
-                    if joined[node_point[node[b, 0]]] == segment or joined[node_point[node[b, 1]]] == segment:
+                    if spread_from != interval:
+                        spread_from = interval
+                        spread(beside[a, 0], beside[a, 1], reach[a], interval, network, u, node_point, point_nodes, joined,
+                               left, waiting, queue)
+                    if joined[beside[b, 0]] == interval or joined[beside[b, 1]] == interval:
                         continue
                     if count == len(pairs):
                         grown = np.empty((2 * count, 2), np.int64)

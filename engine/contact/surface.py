@@ -51,7 +51,7 @@ def sampled(surface: Surface, spacing: float, margin: float) -> SampledSurface:
     from engine.geometry.triangle_distance import signed_distances, triangle_tree
 
     count = samples_along(surface.extent, spacing, margin).astype(np.int64)
-    size = 0.5 * spacing * (count - 1)
+    size = (0.5 * spacing * (count - 1)).astype(np.float64)
     middle = 0.5 * (surface.vertices.min(axis=0) + surface.vertices.max(axis=0))
     centred = Surface(surface.vertices - middle, surface.faces)
     axes = [np.linspace(-half, half, n) for half, n in zip(size, count, strict=True)]

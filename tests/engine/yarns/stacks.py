@@ -138,7 +138,8 @@ def some_collisions(rng, stack: Stack) -> CollisionPairs:
     s, t = rng.uniform(0.0, 1.0, (2, len(point)))
     weight = np.column_stack([1.0 - s, s, t - 1.0, -t])
     distance = np.linalg.norm(np.einsum("ca,cak->ck", weight, stack.state.x[point]), axis=1)
-    return CollisionPairs(point, weight, distance * np.where(np.arange(len(point)) % 2, 1.4, 0.7), rng.uniform(0.5, 2.0, len(point)))
+    rest = distance * np.where(np.arange(len(point)) % 2, 1.4, 0.7)
+    return CollisionPairs(point, weight, rest, rng.uniform(0.5, 2.0, len(point)))
 
 
 def unknowns(model: YarnModel, x: Floats, u: Floats) -> Floats:
