@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.contact.obstacles import ObstacleKind
+from engine.geometry.solids import Solids
 from engine.run.frames import Frame, YarnFrame
 from engine.yarns.model import NodeState
 from viewer.detail import line_yarns
@@ -117,8 +118,8 @@ def node_points(yarns: YarnFrame) -> Points:
     )
 
 
-def scene_bounds(frame: Frame, obstacles: Obstacles) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lowest and highest corner of the box that a view should show [m].
+def scene_bounds(frame: Frame, obstacles: Solids) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lowest and highest corner of the box that a view should show [m]; `obstacles` as they stand then.
 
     It holds the yarns and, of obstacles that are no larger than a few times these, what is solid of them: a plane has
     no size, and a wall around the scene would leave the yarns a speck.

@@ -20,6 +20,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from engine.arrays import Floats
+from engine.contact.obstacles import posed
 from engine.run.frames import frame_paths, read_frame
 from viewer import layers
 from viewer.gate import Gate, guarding
@@ -67,7 +68,7 @@ def draw(job: Path, index: int, shown: Shown, view: View, size: tuple[int, int],
         raise CannotDraw(f"{job} has {len(paths)} frames, none with number {index}")
     scene, built = Job(job).scene()
     frame = read_frame(paths[index])
-    low, high = layers.scene_bounds(frame, built.obstacles)
+    low, high = layers.scene_bounds(frame, posed(built.obstacles, built.handles, frame.time))
     width, height = (FINER * side for side in size)
     eye, target = _eye(low, high, view, width / height)
 
@@ -84,6 +85,7 @@ def draw(job: Path, index: int, shown: Shown, view: View, size: tuple[int, int],
         said = stage.draw(frame.yarns, layout_of(scene, built), shown)
         _settle(render)
         stage.set_obstacles(built.obstacles, low, high)  # only now: they are there at once, and yarns would be missed
+        stage.move_obstacles(built.obstacles, built.handles, frame.time)
         drawn = Image.fromarray(render(1))
     picture = Image.new("RGBA", drawn.size, (*BACKGROUND, 255))
     picture.alpha_composite(drawn)

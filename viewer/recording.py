@@ -21,6 +21,7 @@ import rerun.blueprint as rrb
 from rerun.components import LineStrip3DBatch
 
 from engine.arrays import Floats, Ints
+from engine.contact.obstacles import posed
 from engine.run.frames import Frame, YarnFrame
 from engine.scene.build import build
 from engine.scene.schema import Scene
@@ -49,7 +50,7 @@ class Recorder:
         built = build(scene)
         self._scene = scene
         self._path = directory / "recording.rrd"
-        self._obstacles = built.obstacles
+        self._obstacles, self._handles = built.obstacles, built.handles
         self._layout = layout_of(scene, built)
         self._stream: rr.RecordingStream | None = None
         self._file: Spill | None = None
@@ -78,6 +79,9 @@ class Recorder:
         stream = self._stream
         stream.set_time(TIMELINE, duration=frame.time)
         stream.set_time("frame", sequence=frame.index)
+        for index, move in shapes.moves(self._obstacles, self._handles, frame.time).items():
+            turned = rr.Quaternion(xyzw=np.roll(move.wxyz, -1))
+            stream.log(f"{OBSTACLES}/{index}", rr.Transform3D(translation=move.position, quaternion=turned))
         if frame.yarns is not None:
             yarns = detail.coarse(frame.yarns, detail.FINE)
             drawn = self._layout(yarns, detail.FINE.segments)
@@ -98,7 +102,7 @@ class Recorder:
                 part.unlink()
             parts = []
         target = self._path if not parts else self._path.with_suffix(f".{len(parts)}.rrd")
-        low, high = layers.scene_bounds(first, self._obstacles)
+        low, high = layers.scene_bounds(first, posed(self._obstacles, self._handles, first.time))
         identity = uuid.uuid5(uuid.NAMESPACE_URL, f"{self._path.absolute()} {self._scene.model_dump_json()}")
         stream = rr.RecordingStream("strandline", recording_id=str(identity))
         file = Spill(target)

@@ -8,8 +8,10 @@ from queue import SimpleQueue
 import numpy as np
 import viser
 
+from engine.contact.obstacles import posed
 from engine.run.frames import Frame
 from engine.scene.load import SceneError
+from engine.yarns.handles import no_handles
 from viewer.jobs import NO_OBSTACLES, Job, job_ids, read_frame_once
 from viewer.lay import Layout, layout_of, unchanged
 from viewer.layers import scene_bounds
@@ -37,7 +39,7 @@ class Session:
         self._job: Job | None = None
         self._title = ""
         self._layout: Layout = unchanged
-        self._obstacles = NO_OBSTACLES
+        self._obstacles, self._handles = NO_OBSTACLES, no_handles()
         self._framed = False  # obstacles and camera have been set for the present job
         self._drawn: tuple[Frame, Shown] | None = None
         self._focus = np.full(3, np.inf)  # what the camera looked at when the region last moved [m]
@@ -132,10 +134,12 @@ class Session:
             scene, built = job.scene()
         except SceneError as problem:
             # yarns are in the frames; without the scene their order over each other and the obstacles are missing
-            self._title, self._obstacles, self._layout = "scene not readable", NO_OBSTACLES, unchanged
+            self._title, self._layout = "scene not readable", unchanged
+            self._obstacles, self._handles = NO_OBSTACLES, no_handles()
             log.warning("job %s: %s", job_id, problem)
         else:
-            self._title, self._obstacles, self._layout = scene.name, built.obstacles, layout_of(scene, built)
+            self._title, self._layout = scene.name, layout_of(scene, built)
+            self._obstacles, self._handles = built.obstacles, built.handles
         self._panel.job.value = job_id  # type: ignore[misc]  # settable: mypy loses the setter in viser's inheritance
         self._follow(True)
         self._next_look = 0.0
@@ -162,6 +166,7 @@ class Session:
             self._framed = True
         shown = panel.shown(self._look_at())
         if self._drawn is None or self._drawn[0] is not frame or self._drawn[1] != shown:
+            self._stage.move_obstacles(self._obstacles, self._handles, frame.time)
             panel.drawn.content = drawn_html(self._stage.draw(frame.yarns, self._layout, shown))
             self._drawn = (frame, shown)
 
@@ -179,5 +184,6 @@ class Session:
             self._stage.frame_camera(*self._bounds([self._drawn[0]]))
 
     def _bounds(self, frames: list[Frame]) -> tuple[np.ndarray, np.ndarray]:
-        lows, highs = zip(*(scene_bounds(frame, self._obstacles) for frame in frames), strict=True)
+        boxes = (scene_bounds(frame, posed(self._obstacles, self._handles, frame.time)) for frame in frames)
+        lows, highs = zip(*boxes, strict=True)
         return np.min(lows, axis=0), np.max(highs, axis=0)

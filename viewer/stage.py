@@ -7,6 +7,7 @@ import viser
 
 from engine.contact.obstacles import Obstacles
 from engine.run.frames import YarnFrame
+from engine.yarns.handles import Handles
 from viewer import detail, layers, shapes
 from viewer.detail import Level
 from viewer.lay import Layout
@@ -61,6 +62,11 @@ class Stage:
             self._obstacles.append(
                 self._client.scene.add_mesh_simple(f"/obstacles/{index}", mesh.vertices, mesh.faces, color=mesh.colour)
             )
+
+    def move_obstacles(self, obstacles: Obstacles, handles: Handles, time: float) -> None:
+        """Put the obstacles that are carried where they are at `time` [s]."""
+        for index, move in shapes.moves(obstacles, handles, time).items():
+            self._obstacles[index].position, self._obstacles[index].wxyz = move.position, move.wxyz
 
     def frame_camera(self, low: np.ndarray, high: np.ndarray) -> None:
         """Move the camera so that the box from `low` to `high` [m] fills the picture, z up."""

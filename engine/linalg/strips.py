@@ -8,6 +8,7 @@ neighbours, and what a strip of one colour writes to the other colour's rows is 
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba import njit, prange
@@ -37,7 +38,7 @@ def strips_of(start: Ints, column: Ints) -> tuple[Ints, Strips]:
     for strip in range(1, count + 1):
         at = int(np.searchsorted(level_start, rows * strip / count))
         ends.append(min(max(at, ends[-1] + 2), levels - 2 * (count - strip)) if strip < count else levels)
-    pieces = [visited[level_start[a]:level_start[b]] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    pieces = [visited[level_start[a]:level_start[b]] for a, b in pairwise(ends)]
     coloured = pieces[::2] + pieces[1::2]
     sizes = [len(piece) for piece in coloured]
     return np.concatenate(coloured), Strips(np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64), (count + 1) // 2)

@@ -27,6 +27,7 @@ Positive = Annotated[float, Field(gt=0, le=1e15)]
 NotNegative = Annotated[float, Field(ge=0, le=1e15)]
 Friction = Annotated[float, Field(ge=0, le=100)]  # Coulomb coefficient mu
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
+Index = Annotated[int, Field(ge=0, le=1_000_000)]
 
 # JSON has lists where immutable parts have tuples
 Vector = Annotated[tuple[Coordinate, Coordinate, Coordinate], Strict(False)]
@@ -34,6 +35,7 @@ Place = Annotated[tuple[Coordinate, Coordinate], Strict(False)]
 Extent = Annotated[tuple[Share, Share], Strict(False)]
 Angles = Annotated[tuple[Degrees, Degrees, Degrees], Strict(False)]
 Sizes = Annotated[tuple[Length, Length, Length], Strict(False)]
+Triangle = Annotated[tuple[Index, Index, Index], Strict(False)]
 Few = Annotated[tuple[T, ...], Strict(False), Field(max_length=64)]
 Several = Annotated[tuple[T, ...], Strict(False), Field(max_length=1000)]
 Many = Annotated[tuple[T, ...], Strict(False), Field(max_length=100_000)]

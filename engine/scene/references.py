@@ -5,17 +5,19 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from engine.scene.materials import known_materials
+from engine.scene.meshes import mesh_problems
 from engine.scene.outline import touching_sides
 from engine.scene.problems import Problem, unknown_name
 from engine.scene.rods import held_points, piece_lengths, piece_segments
-from engine.scene.schema import Fabric, Handle, Scene, Yarn
+from engine.scene.schema import Box, Fabric, Handle, Scene, Yarn
 from engine.scene.stack import COUNTED, levels
 from engine.scene.weave import weave
 
 
 def disagreements(scene: Scene) -> Iterator[Problem]:
     """Yield what does not agree; later checks rely on earlier ones, so the first kind of problems ends the search."""
-    for check in (_step, _names, _known_names, _lines, _held_points, _ends, _patches, _outlines, _stacks):
+    checks = (_step, _names, _known_names, _lines, _held_points, _ends, _patches, _outlines, _stacks, _edges, mesh_problems)
+    for check in checks:
         problem = None
         for problem in check(scene):
             yield problem
@@ -62,6 +64,8 @@ def _references(scene: Scene) -> Iterator[tuple[str, str, str | None]]:
         yield "material", f"yarns[{i}].material", yarn.material
         yield "handle", f"yarns[{i}].start.handle", yarn.start.handle
         yield "handle", f"yarns[{i}].end.handle", yarn.end.handle
+    for i, obstacle in enumerate(scene.obstacles):
+        yield "handle", f"obstacles[{i}].handle", obstacle.handle
     for i, crossing in enumerate(scene.crossings):
         yield "yarn", f"crossings[{i}].lower.yarn", crossing.lower.yarn
         yield "yarn", f"crossings[{i}].upper.yarn", crossing.upper.yarn
@@ -186,3 +190,10 @@ def _stacks(scene: Scene) -> Iterator[Problem]:
                           "fabrics in one plane: the model neglects the thickness of layers")
     if scene.contacts and max(levels(scene.fabrics, scene.contacts).values()) >= len(scene.fabrics):
         yield Problem("contacts", "put a fabric above itself", "stacks from lower to upper")
+
+
+def _edges(scene: Scene) -> Iterator[Problem]:
+    """Edges that yarns slide over stay where they are."""
+    for i, box in enumerate(scene.obstacles):
+        if isinstance(box, Box) and box.edges and box.handle is not None:
+            yield Problem(f"obstacles[{i}].handle", "carries a box with edges", "edges: false, or no handle")

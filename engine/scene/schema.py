@@ -24,6 +24,7 @@ from engine.scene.quantities import (
     Several,
     Sizes,
     Text,
+    Triangle,
     Vector,
     by_form,
 )
@@ -244,6 +245,8 @@ class _Solid(Part):
     rotation: Angles = (0.0, 0.0, 0.0)
     """Rotations about the fixed x, y, z axes through `position`, in this order."""
     friction: Friction = 0.5
+    handle: Name | None = None
+    """Handle of `script` that carries the obstacle; it drags along what rubs on it."""
 
 
 class Plane(_Solid):
@@ -260,7 +263,8 @@ class Box(_Solid):
     """Lengths of its sides [m]."""
     edges: bool = False
     """Yarns of fabrics that lie on the top (local z) at the start slide over its edges on nodes of their own, where
-    they cross the edges at 10 degrees or more. Over another fabric they do so with the friction of the two fabrics."""
+    they cross the edges at 10 degrees or more. Over another fabric they do so with the friction of the two fabrics. Such a
+    box stays where it is."""
 
 
 class Sphere(_Solid):
@@ -278,7 +282,34 @@ class Cylinder(_Solid):
     height: Length
 
 
-Obstacle = Annotated[Plane | Box | Sphere | Cylinder, Field(discriminator="shape")]
+class Mesh(_Solid):
+    """A body with a closed surface of triangles, felt through samples of its distance."""
+
+    shape: Literal["mesh"]
+    file: Annotated[str, Field(min_length=1, max_length=255)] | None = None
+    """STL, OBJ, PLY or GLB file beside the scene's own, or below it; read when the scene is, from a file only."""
+    vertices: Many[Vector] = ()
+    """Corners in the body's own frame [m]."""
+    faces: Many[Triangle] = ()
+    """Triangles as indices of three vertices, all turned the same way seen from outside."""
+    resolution: Length | None = None
+    """Spacing of the samples [m], by default 1/64 of the longest side; edges are rounded by about as much."""
+
+
+Obstacle = Annotated[Plane | Box | Sphere | Cylinder | Mesh, Field(discriminator="shape")]
+
+
+class Collisions(Part):
+    """How yarns keep apart where no crossing or contact joins them: cloth and cloth, or parts of one."""
+
+    self: bool = False
+    """Whether they do. It costs a search in every step; friction does not act there."""
+    thickness: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    """Distance at which their centre lines begin to push, over the sum of their radii."""
+    stiffness: Positive = 1.0
+    """Stiffness of the push, over stretch stiffness / rest segment."""
+    spacing: Annotated[float, Field(ge=0.1, le=2.5)] = 0.5
+    """Distance of the spheres that stand for a yarn, in its radii, at most."""
 
 
 class Keyframe(Part):
@@ -341,6 +372,7 @@ class Scene(Part):
     crossings: Many[Crossing] = ()
     fabrics: Few[Fabric] = ()
     contacts: Several[Contact] = ()
+    contact: Collisions = Collisions()
     obstacles: Few[Obstacle] = ()
     script: Script = Script()
     output: Output = Output()

@@ -5,7 +5,9 @@ from numba import njit
 
 from engine.arrays import Floats, Ints
 from engine.contact import obstacles as obstacle_contact
-from engine.contact.obstacles import Obstacles
+from engine.contact.collisions import pressing
+from engine.contact.obstacles import Obstacles, motion
+from engine.contact.sphere_packing import Collisions, collision_pairs
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.line_search import line_search, longest_update
 from engine.steppers.newton_system import NewtonSystem
@@ -24,10 +26,12 @@ class YarnStepper:
     """Advances the yarns of a scene, one step at a time."""
 
     def __init__(
-        self, model: YarnModel, settings: YarnSettings, gravity: Floats, obstacles: Obstacles, handles: Handles
+        self, model: YarnModel, settings: YarnSettings, gravity: Floats, obstacles: Obstacles, handles: Handles,
+        collisions: Collisions | None = None,
     ):
-        """Keep what does not change between steps; `gravity` [3] in m/s^2."""
+        """Keep what does not change between steps; `gravity` [3] in m/s^2. Without `collisions` yarns meet at points only."""
         self.model, self.settings, self.obstacles, self.handles = model, settings, obstacles, handles
+        self.collisions = collisions
         self.gravity = np.asarray(gravity, np.float64)
         self.weight = float(np.max(model.density * model.rest_segment, initial=0.0) * np.linalg.norm(self.gravity))
         self.radius = model.radius[model.node_yarn[model.point_nodes[:, 0]]]
@@ -38,8 +42,13 @@ class YarnStepper:
         report, watch = StepReport(), Stopwatch()
         start = state.copy()
         chain = self.assign_nodes(start, h)
-        potential = IncrementalPotential(
-            self.model, self.settings, self.gravity, self.obstacles, start, chain, h)
+        obstacles = motion(self.obstacles, self.handles, time, h)
+        watch.lap("assign")
+        colliding = None
+        if self.collisions is not None:
+            colliding = collision_pairs(self.collisions, self.model, start, chain, h)
+            watch.lap("detect")
+        potential = IncrementalPotential(self.model, self.settings, self.gravity, obstacles, start, chain, h, colliding)
         system = NewtonSystem(potential, self.settings, watch)
         watch.lap("assign")
 
@@ -68,6 +77,10 @@ class YarnStepper:
             return rejected(report, watch, "the energy is not finite")
         if passes_neighbours(chain.before, chain.after, start.eil, start.order, self.model.node_point, start.active, u):
             return rejected(report, watch, "a node passed more than one neighbour")
+        if colliding is not None:
+            report.collisions, passed = pressing(colliding.point, colliding.weight, colliding.rest, start.x, x)
+            if passed:
+                return rejected(report, watch, "yarns passed through each other")
         self.commit(state, start, potential, x, u, h, report)
         watch.lap("commit")
         report.accepted, report.stages = True, watch.laps
@@ -157,17 +170,18 @@ class YarnStepper:
         untouched[potential.touching] = False
         start.obstacle_force[untouched], start.obstacle_anchor[untouched] = 0.0, x[untouched]
         if len(potential.touching):
-            o = self.obstacles
+            start.obstacle_anchor[potential.touching] = potential.obstacle_anchor[potential.touching]
             deepest = obstacle_contact.settle(
-                potential.touching, o.kind, o.centre, o.rotation, o.size, o.friction, potential.obstacle_distance,
-                potential.obstacle_stiffness, x, start.obstacle_anchor, start.obstacle_force,
-                potential.state.obstacle_force.copy())
+                potential.touching, potential.obstacles.end, potential.obstacle_distance, potential.obstacle_stiffness,
+                potential.obstacle_limit, x, start.obstacle_anchor, start.obstacle_force)
             report.penetration = deepest / float(self.radius[potential.touching].min())
 
         start.x, start.u = x, u
         ended = parted(m, start, s.separation_steps)
         if len(ended):
             remove(m, start, ended)
+            if self.collisions is not None:
+                start.parting[ended] = m.point_nodes[ended, 1] >= 0
             report.removed = len(ended)
         vars(state).update(vars(start))
 

@@ -33,6 +33,12 @@ class Handles:
             carried += np.einsum("nij,nj->ni", change[handle], x - (self.pivot + before)[handle])
         return carried
 
+    def turns(self, time: float) -> Floats:
+        """Return how every handle has turned up to `time` [s] since time 0, as rotations of shape [H, 3, 3]."""
+        if self.angles is None:
+            return np.tile(np.eye(3), (len(self.start) - 1, 1, 1))
+        return self._rotations(self.angles, time) @ self._rotations(self.angles, 0.0).transpose(0, 2, 1)
+
     def _rotations(self, angles: Floats, time: float) -> Floats:
         return Rotation.from_euler("xyz", self._between(angles, time), degrees=True).as_matrix()
 

@@ -58,7 +58,9 @@ def hessian(
 
 
 @njit(cache=True, parallel=True)
-def gather(point, row, point_nodes, place, chain, chain_start, node_yarn, node_point, node_slot, band, sliding, start, column, block):
+def gather(
+    point, row, point_nodes, place, chain, chain_start, node_yarn, node_point, node_slot, band, sliding, start, column, block,
+):
     """Write the rows of the Hessian that the yarns' bands and `sliding` [P, 2, 2] make up; all else becomes zero.
 
     `point` [R] and `row` [P] say which point each row belongs to and the other way round, `place` [N] where each EoL node

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.contact.obstacles import ObstacleKind, Obstacles, posed
 from engine.run.frames import YarnFrame
+from engine.yarns.handles import no_handles
 from engine.yarns.model import NodeState, PointKind
 from tests.viewer import synthetic
 from viewer import layers
@@ -73,7 +74,7 @@ def test_no_yarns_give_no_segments():
 
 def test_bounds_hold_yarns_and_near_obstacles_but_no_plane():
     frame, obstacles = synthetic.frame(0), synthetic.built().obstacles
-    low, high = layers.scene_bounds(frame, obstacles)
+    low, high = layers.scene_bounds(frame, posed(obstacles, no_handles(), 0.0))
     assert (low < frame.yarns.line_positions.min(axis=0)).all()
     assert (high > frame.yarns.line_positions.max(axis=0)).all()
     assert low[2] == pytest.approx(-0.04)
@@ -84,7 +85,7 @@ def test_bounds_leave_out_an_obstacle_much_larger_than_the_yarns():
     wall = Obstacles(
         np.array([ObstacleKind.BOX]), np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), 50.0), np.zeros(1)
     )
-    low, high = layers.scene_bounds(synthetic.frame(0), wall)
+    low, high = layers.scene_bounds(synthetic.frame(0), posed(wall, no_handles(), 0.0))
     assert (high - low).max() < 0.1
 
 

@@ -189,15 +189,30 @@ def test_eyelets_and_crossings_take_the_place_of_fixed_points():
     assert model.side[contact] == np.sign(np.cross([0, 1, 0], [1, 0, 0])[2])
 
 
+TETRAHEDRON = {"vertices": [[0, 0, 0], [3, 0, 0], [0, 3, 0], [0, 0, 3]],
+               "faces": [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]}
+
+
+def test_obstacles_know_who_carries_them():
+    handles = [{"name": name, "keyframes": [{"time": 0, "offset": [0, 0, 0]}]} for name in ("idle", "busy")]
+    parts = {"fabrics": [cloth()], "script": {"handles": handles}}
+    still, carried = {"shape": "plane"}, {"shape": "sphere", "radius": 2, "handle": "busy"}
+    assert built(**parts, obstacles=[still, carried]).obstacles.handle.tolist() == [-1, 1]
+    assert built(**parts, obstacles=[still]).obstacles.handle is None
+
+
 def test_obstacles_are_packed():
     made = built(fabrics=[cloth()], obstacles=[
         {"shape": "plane", "rotation": [90, 0, 0]}, {"shape": "box", "size": [1, 2, 3], "position": [1, 1, 1]},
         {"shape": "sphere", "radius": 2, "friction": 0}, {"shape": "cylinder", "radius": 1, "height": 4},
+        {"shape": "mesh", "position": [1, 0, 0], "rotation": [0, 0, 90], "resolution": 0.5, **TETRAHEDRON},
     ])
     assert made.obstacles.kind.tolist() == list(ObstacleKind)
-    np.testing.assert_allclose(made.obstacles.size, [[0, 0, 0], [0.5, 1, 1.5], [2, 0, 0], [1, 2, 0]])
+    np.testing.assert_allclose(made.obstacles.size[:4], [[0, 0, 0], [0.5, 1, 1.5], [2, 0, 0], [1, 2, 0]])
     np.testing.assert_allclose(made.obstacles.rotation[0][:, 2], [0, -1, 0], atol=1e-15)
-    assert made.obstacles.friction.tolist() == [0.5, 0.5, 0, 0.5]
+    assert made.obstacles.friction.tolist() == [0.5, 0.5, 0, 0.5, 0.5]
+    assert (made.obstacles.size[4] > 1.5).all()
+    np.testing.assert_allclose(made.obstacles.centre[4], [1 - 1.5, 1.5, 1.5])  # the middle, turned, and shifted
 
 
 def test_materials():

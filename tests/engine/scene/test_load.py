@@ -133,7 +133,7 @@ WRONG = {
         with_cloth() | {"materials": {"radius": {"radius": 1, "linear_density": 1, "stretch_stiffness": 1, "x": 1}}},
         "materials.radius.x", "unknown key", "youngs_modulus"),
     "unknown variant": (with_cloth() | {"obstacles": [{"shape": "bx"}]},
-                        "obstacles[0].shape", 'cannot be "bx"; did you mean box?', "plane, box, sphere, cylinder"),
+                        "obstacles[0].shape", 'cannot be "bx"; did you mean box?', "plane, box, sphere, cylinder, mesh"),
     "no variant": (with_cloth() | {"obstacles": [{}]}, "obstacles[0].shape", "is missing", "plane, box"),
     "missing": ({"strandline": 1, "name": "x", "fabrics": [cloth()]}, "duration", "is missing", "Simulated time [s]"),
     "another version": (with_cloth() | {"strandline": 2}, "strandline", "cannot be 2", "1"),
@@ -194,6 +194,13 @@ WRONG = {
     "enumeration": (with_cloth(pins="corner"), "fabrics[0].pins", 'cannot be "corner"', "'none', 'corners' or 'edges'"),
     "name with a blank": (with_cloth(name="a b"), "fabrics[0].name", 'cannot be "a b"', "match pattern"),
     "lone surrogate": (with_cloth() | {"name": "\ud800"}, "name", 'cannot be "\\ud800"', "Unicode"),
+    "unknown handle of an obstacle": (
+        with_cloth() | {"obstacles": [{"shape": "plane", "handle": "lift"}]}, "obstacles[0].handle",
+        'there is no handle "lift"', "none"),
+    "edges that are carried": (
+        with_cloth() | {"obstacles": [{"shape": "box", "size": [1, 1, 1], "edges": True, "handle": "lift"}],
+                        "script": {"handles": [{"name": "lift", "keyframes": [{"time": 0, "offset": [0, 0, 0]}]}]}},
+        "obstacles[0].handle", "carries a box with edges", "no handle"),
     "nothing to do": (scene_of(), "", "has nothing to simulate", "yarns or fabrics"),
     "same name": (scene_of(fabrics=[cloth(), cloth()]), "fabrics[1].name", "is the name of fabrics[0] too", "its own"),
     "unknown material": (with_cloth(material="coton-thick"), "fabrics[0].material",
