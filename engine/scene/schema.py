@@ -223,6 +223,7 @@ class Seam(Part):
     """A strip along an edge of the upper patch in which it is sewn onto the lower one."""
 
     edge: Edge
+    """Side of the upper patch's whole rectangle, whatever its outline."""
     width: Length | None = None
     """Width of the strip [m], by default twice the spacing of the yarns along the edge."""
 
