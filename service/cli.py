@@ -2,7 +2,7 @@
 
 import typer
 
-from service.commands import checks, client, info, run, serve
+from service.commands import checks, client, info, picture, run, serve
 
 main = typer.Typer(
     name="strandline", no_args_is_help=True, pretty_exceptions_show_locals=False, rich_markup_mode="markdown",
@@ -12,6 +12,7 @@ main.command()(run.run)
 main.command()(serve.serve)
 main.command()(serve.demo)
 main.command()(serve.view)
+main.command()(picture.picture)
 main.command()(client.submit)
 main.command()(client.jobs)
 main.command()(client.show)

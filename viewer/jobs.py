@@ -14,7 +14,7 @@ from engine.scene.build import Built, build
 from engine.scene.load import load_scene
 from engine.scene.schema import Scene
 
-FRAMES_KEPT = 32  # recently drawn frames that stay in memory, for all pages together
+FRAMES_KEPT = 16  # recently drawn frames that stay in memory, for all pages together; up to 45 MB each
 
 NO_OBSTACLES = Obstacles(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.arrays import Flags, Floats, Ints
 from engine.run.frames import YarnFrame
@@ -18,14 +19,13 @@ from engine.scene.build import Built
 from engine.scene.schema import Scene
 from engine.scene.stack import levels
 from engine.yarns.model import YarnModel
-from viewer.layers import line_node_yarns
+from viewer.detail import line_yarns
 
 CURVE_PIECES = 5  # pieces into which a segment is cut, so that yarns look bent and not broken
-CURVE_NODES = 60_000  # fewer pieces where there would be more line nodes than a browser draws smoothly
 PARALLEL = 1e-3  # sine of the angle below which two yarns define no side
 
 
-Layout = Callable[[YarnFrame], YarnFrame]  # moves yarns to where they are drawn
+Layout = Callable[[YarnFrame, int], YarnFrame]  # moves yarns to where they are drawn, cut into so many pieces at most
 
 
 def layout_of(scene: Scene, built: Built) -> Layout:
@@ -35,7 +35,7 @@ def layout_of(scene: Scene, built: Built) -> Layout:
     return partial(lay_out, model=built.yarns, lifts=yarn_lifts(scene, built.yarns))
 
 
-def unchanged(yarns: YarnFrame) -> YarnFrame:
+def unchanged(yarns: YarnFrame, _most: int) -> YarnFrame:
     """Return the yarns as they are."""
     return yarns
 
@@ -57,34 +57,31 @@ def yarn_lifts(scene: Scene, model: YarnModel) -> Floats:
     return lifts
 
 
-def lay_out(yarns: YarnFrame, model: YarnModel, lifts: Floats) -> YarnFrame:
-    """Return the yarns as curves through where they are drawn, with more line nodes than they have EoL nodes.
+def lay_out(yarns: YarnFrame, most: int, model: YarnModel, lifts: Floats) -> YarnFrame:
+    """Return the yarns as curves through where they are drawn, cut finer than they are into up to `most` pieces.
 
     At the crossings of a fabric, and of single yarns, the way to go is known; between them it is interpolated along
-    the yarn, beyond the last it stays the same. A yarn without crossings stays where it is.
+    the yarn, beyond the last it stays the same. A yarn without crossings stays where it is. Yarns that are drawn
+    thicker than they are lie as much higher.
     """
-    points = yarns.node_points
-    nodes = model.point_nodes[points]
-    pair = model.node_yarn[nodes]
-    own = (nodes[:, 1] >= 0) & (model.fabric[pair[:, 0]] == model.fabric[pair[:, 1]])
-    pair, side = pair[own], model.side[points[own]]
-    line_yarn = line_node_yarns(yarns)
-    line = _line_nodes(line_yarn, yarns.line_positions, pair, yarns.node_positions[own])
-    tangents = _tangents(line_yarn, yarns.line_positions)
+    line_yarn, positions = line_yarns(yarns), yarns.line_positions.astype(np.float64)
+    line, pair, side = _crossings(line_yarn, yarns.line_points, model)
+    tangents = _tangents(line_yarn, positions)
     up = side[:, None] * np.cross(tangents[line[:, 0]], tangents[line[:, 1]])
     sine = np.linalg.norm(up, axis=1)
-    usable = (line >= 0).all(axis=1) & (sine > PARALLEL)
+    usable = sine > PARALLEL
     line, pair, up = line[usable], pair[usable], up[usable] / sine[usable, None]
-    offsets, known = np.zeros_like(yarns.line_positions), np.zeros(len(line_yarn), bool)
+    offsets, known = np.zeros_like(positions), np.zeros(len(line_yarn), bool)
+    lifts = lifts * yarns.radius / model.radius
     for slot, sign in ((0, -1.0), (1, 1.0)):  # the second yarn of a point lies above the first
         yarn = pair[:, slot]
         offsets[line[:, slot]] = (lifts[yarn] + sign * yarns.radius[yarn])[:, None] * up
         known[line[:, slot]] = True
-    offsets = _between(line_yarn, yarns.line_positions, offsets, known)
-    return _curved(replace(yarns, line_positions=yarns.line_positions + offsets), line_yarn)
+    offsets = _between(line_yarn, positions, offsets, known)
+    return _curved(replace(yarns, line_positions=positions + offsets), line_yarn, most)
 
 
-def _curved(yarns: YarnFrame, line_yarn: Ints) -> YarnFrame:
+def _curved(yarns: YarnFrame, line_yarn: Ints, most: int) -> YarnFrame:
     """Return the yarns as smooth curves through their line nodes: cubic pieces, cut into straight ones."""
     position, strain = yarns.line_positions, yarns.line_strain
     node = np.arange(len(line_yarn))
@@ -100,7 +97,7 @@ def _curved(yarns: YarnFrame, line_yarn: Ints) -> YarnFrame:
     share_after = np.where(inner[:, None], share_after, 0.0)
     tangent = share_after * slope + (1 - share_after) * slope[before]
 
-    pieces = np.where(inner, min(max(CURVE_NODES // max(len(node), 1), 1), CURVE_PIECES), 1)
+    pieces = np.where(inner, min(max(most // max(len(node), 1), 1), CURVE_PIECES), 1)
     first = np.cumsum(pieces) - pieces
     start = np.repeat(node, pieces)
     end = after[start]
@@ -112,27 +109,24 @@ def _curved(yarns: YarnFrame, line_yarn: Ints) -> YarnFrame:
     return replace(
         yarns,
         line_positions=positions,
+        line_points=yarns.line_points[start],
         line_strain=(1 - t[:, 0]) * strain[start] + t[:, 0] * strain[end],
         line_offsets=np.append(first, len(start))[yarns.line_offsets],
     )
 
 
-def _line_nodes(line_yarn: Ints, line_positions: Floats, pair: Ints, positions: Floats) -> Ints:
-    """Return the line nodes that the two yarns of each point have at it, -1 where EIL nodes leave none, shape [Q, 2].
+def _crossings(line_yarn: Ints, line_points: NDArray[np.int32], model: YarnModel) -> tuple[Ints, Ints, Floats]:
+    """Return crossings of a fabric or of single yarns: line nodes and yarns of both, shape [Q, 2], and side [Q].
 
-    Line nodes carry the very numbers of their point, so that yarn and position identify them.
+    A point one of whose yarns is not drawn there is none of them.
     """
-    keys = np.concatenate([
-        np.column_stack([line_yarn, line_positions]),
-        np.column_stack([pair[:, 0], positions]),
-        np.column_stack([pair[:, 1], positions]),
-    ])
-    _, key = np.unique(keys, axis=0, return_inverse=True)
-    key = key.reshape(-1)
-    count = len(line_yarn)
-    node_of_key = np.full(len(keys), -1, np.int64)
-    node_of_key[key[:count]] = np.arange(count)
-    return node_of_key[key[count:]].reshape(2, -1).T
+    line_of = np.full((model.point_count, 2), -1, np.int64)  # line node of each slot of each point
+    slot = (line_yarn != model.node_yarn[model.point_nodes[line_points, 0]]).astype(np.int64)
+    line_of[line_points, slot] = np.arange(len(line_points))
+    points = np.flatnonzero((line_of >= 0).all(axis=1))
+    pair = model.node_yarn[model.point_nodes[points]]
+    own = model.fabric[pair[:, 0]] == model.fabric[pair[:, 1]]
+    return line_of[points[own]], pair[own], model.side[points[own]]
 
 
 def _tangents(line_yarn: Ints, positions: Floats) -> Floats:

@@ -10,9 +10,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.contact.obstacles import ObstacleKind
+from engine.geometry.solids import Solids
 from engine.run.frames import Frame, YarnFrame
 from engine.yarns.model import NodeState
+from viewer.detail import line_yarns
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
@@ -90,17 +92,12 @@ def strain_colours(strain: NDArray[np.float64]) -> Bytes:
     return np.stack(channels, axis=-1).round().astype(np.uint8)
 
 
-def line_node_yarns(yarns: YarnFrame) -> NDArray[np.int64]:
-    """Return the yarn of every line node, shape [K]."""
-    return np.repeat(np.arange(len(yarns.radius)), np.diff(yarns.line_offsets))
-
-
 def yarn_segments(yarns: YarnFrame, paint: Paint = "fabric", thickness: float = 1.0) -> Segments:
-    """Return the polylines through the EoL nodes of all yarns, at `thickness` times their real radius.
+    """Return the polylines through the nodes of all yarns, at `thickness` times their real radius.
 
     `paint` chooses the colour of the fabric, or that of the stretch strain at each node.
     """
-    yarn = line_node_yarns(yarns)
+    yarn = line_yarns(yarns)
     first = np.flatnonzero(yarn[:-1] == yarn[1:])
     ends = np.stack([first, first + 1], axis=1)
     by_node = fabric_colours(yarns.fabric)[yarn] if paint == "fabric" else strain_colours(yarns.line_strain)
@@ -121,8 +118,8 @@ def node_points(yarns: YarnFrame) -> Points:
     )
 
 
-def scene_bounds(frame: Frame, obstacles: Obstacles) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lowest and highest corner of the box that a view should show [m].
+def scene_bounds(frame: Frame, obstacles: Solids) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lowest and highest corner of the box that a view should show [m]; `obstacles` as they stand then.
 
     It holds the yarns and, of obstacles that are no larger than a few times these, what is solid of them: a plane has
     no size, and a wall around the scene would leave the yarns a speck.

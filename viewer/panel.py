@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from html import escape
+from typing import get_args
 
 import numpy as np
 import viser
@@ -9,12 +10,14 @@ from numpy.typing import NDArray
 from viser import uplot
 
 from viewer import layers
+from viewer.detail import Level
 from viewer.layers import Paint
 from viewer.stage import Shown
 from viewer.timeline import Timeline
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "4": 4.0}
 PAINTS: dict[str, Paint] = {"fabric": "fabric", "stretch strain": "strain"}
+LEVELS: dict[str, Level] = {level: level for level in get_args(Level)}
 NO_JOB = "none"
 BRAND = (64, 92, 122)
 
@@ -58,14 +61,20 @@ class Panel:
             self.nodes = gui.add_checkbox("Nodes", False, hint="on thin yarns, both where they are computed")
             self.obstacles = gui.add_checkbox("Obstacles", True)
             self.paint = gui.add_dropdown("Colour by", tuple(PAINTS), initial_value="fabric")
+            self.level = gui.add_dropdown("Detail", tuple(LEVELS), initial_value="auto", hint=(
+                "auto: large cloth as a coarser one of the same weave; fine: less so, for a graphics card; "
+                "region: what is near the middle of the picture as it is, to zoom in on; full: everything, slow"
+            ))
+            self.drawn = gui.add_html("")
             self.legend = gui.add_html(legend_html("fabric"))
             self.refit = gui.add_button("Fit view", icon=viser.Icon.FOCUS_2, color="gray")
         with tabs.add_tab("Solver"):
             self._plots = [(curves, _plot(gui, title, curves)) for title, curves in PLOTS.items()]
 
-    def shown(self) -> Shown:
-        """Return what the visitor wants to see."""
-        return Shown(self.yarns.value, self.nodes.value, self.obstacles.value, PAINTS[self.paint.value])
+    def shown(self, focus: tuple[float, float, float]) -> Shown:
+        """Return what the visitor wants to see; `focus` is the middle of a region [m]."""
+        paint, level = PAINTS[self.paint.value], LEVELS[self.level.value]
+        return Shown(self.yarns.value, self.nodes.value, self.obstacles.value, paint, level, focus)
 
     def set_jobs(self, ids: list[str]) -> None:
         """Offer these jobs, in this order; the chosen one stays chosen."""
@@ -90,6 +99,11 @@ class Panel:
         x = np.array(times, np.float64)
         for curves, plot in self._plots:
             plot.data = (x, *(_values(curve, series) for curve in curves))
+
+
+def drawn_html(statement: str) -> str:
+    """Return what is drawn, as quiet text."""
+    return f'<div style="font-size:.78em;color:#5f6670;padding:.1em .8em">{escape(statement)}</div>'
 
 
 def legend_html(paint: Paint) -> str:

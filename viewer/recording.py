@@ -1,7 +1,8 @@
 """The recording of a run, `recording.rrd`: what the live page shows, for the Rerun viewer, offline.
 
 Every frame is flushed, so that all frames but the one being written are readable after a crash. A run that goes on
-after one writes a second file under the same recording id; closing joins the two.
+after one writes a second file under the same recording id; closing joins the two. Large frames are recorded as coarse
+as they are drawn (`viewer.detail`): the frames themselves hold everything, a recording is to look at.
 """
 
 import logging
@@ -20,10 +21,11 @@ import rerun.blueprint as rrb
 from rerun.components import LineStrip3DBatch
 
 from engine.arrays import Floats, Ints
+from engine.contact.obstacles import posed
 from engine.run.frames import Frame, YarnFrame
 from engine.scene.build import build
 from engine.scene.schema import Scene
-from viewer import layers, shapes
+from viewer import detail, layers, shapes
 from viewer.lay import layout_of
 from viewer.spill import Spill
 
@@ -48,7 +50,7 @@ class Recorder:
         built = build(scene)
         self._scene = scene
         self._path = directory / "recording.rrd"
-        self._obstacles = built.obstacles
+        self._obstacles, self._handles = built.obstacles, built.handles
         self._layout = layout_of(scene, built)
         self._stream: rr.RecordingStream | None = None
         self._file: Spill | None = None
@@ -77,12 +79,16 @@ class Recorder:
         stream = self._stream
         stream.set_time(TIMELINE, duration=frame.time)
         stream.set_time("frame", sequence=frame.index)
+        for index, move in shapes.moves(self._obstacles, self._handles, frame.time).items():
+            turned = rr.Quaternion(xyzw=np.roll(move.wxyz, -1))
+            stream.log(f"{OBSTACLES}/{index}", rr.Transform3D(translation=move.position, quaternion=turned))
         if frame.yarns is not None:
-            drawn = self._layout(frame.yarns)
-            stream.log(CLOTH, rr.LineStrips3D.from_fields(strips=strips(drawn.line_positions, drawn.line_offsets)))
-            lines = strips(frame.yarns.line_positions, frame.yarns.line_offsets)
-            stream.log(f"{NODES}/lines", rr.LineStrips3D.from_fields(strips=lines))
-            points = layers.node_points(frame.yarns)
+            yarns = detail.coarse(frame.yarns, detail.FINE)
+            drawn = self._layout(yarns, detail.FINE.segments)
+            for path, lines, thickness in ((CLOTH, drawn, 1.0), (f"{NODES}/lines", yarns, layers.LINE_SCALE)):
+                shape = strips(lines.line_positions, lines.line_offsets)
+                stream.log(path, rr.LineStrips3D.from_fields(strips=shape, radii=thickness * lines.radius))
+            points = layers.node_points(yarns)
             stream.log(f"{NODES}/points", rr.Points3D(points.points, colors=points.colours, radii=points.radii[:1]))
         for key, value in frame.series.items():
             stream.log(f"{SERIES}/{key}", rr.Scalars(value))
@@ -96,7 +102,7 @@ class Recorder:
                 part.unlink()
             parts = []
         target = self._path if not parts else self._path.with_suffix(f".{len(parts)}.rrd")
-        low, high = layers.scene_bounds(first, self._obstacles)
+        low, high = layers.scene_bounds(first, posed(self._obstacles, self._handles, first.time))
         identity = uuid.uuid5(uuid.NAMESPACE_URL, f"{self._path.absolute()} {self._scene.model_dump_json()}")
         stream = rr.RecordingStream("strandline", recording_id=str(identity))
         file = Spill(target)
@@ -153,11 +159,10 @@ def strips(positions: Floats, offsets: Ints) -> pyarrow.ListArray:
 
 
 def log_looks(stream: rr.RecordingStream, yarns: YarnFrame) -> None:
-    """Log what never changes about yarns, colour and thickness, once."""
+    """Log what never changes about yarns, their colour, once."""
     colours = layers.told_apart(layers.fabric_colours(yarns.fabric))
-    for path, thickness in ((CLOTH, 1.0), (f"{NODES}/lines", layers.LINE_SCALE)):
-        looks = rr.LineStrips3D.from_fields(colors=colours, radii=thickness * yarns.radius)
-        stream.log(path, looks, static=True)
+    for path in (CLOTH, f"{NODES}/lines"):
+        stream.log(path, rr.LineStrips3D.from_fields(colors=colours), static=True)
 
 
 def obstacle(mesh: shapes.Mesh) -> rr.Mesh3D:

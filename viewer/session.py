@@ -8,16 +8,19 @@ from queue import SimpleQueue
 import numpy as np
 import viser
 
+from engine.contact.obstacles import posed
 from engine.run.frames import Frame
 from engine.scene.load import SceneError
+from engine.yarns.handles import no_handles
 from viewer.jobs import NO_OBSTACLES, Job, job_ids, read_frame_once
 from viewer.lay import Layout, layout_of, unchanged
 from viewer.layers import scene_bounds
-from viewer.panel import NO_JOB, PAINTS, SPEEDS, Panel, legend_html, status_html
+from viewer.panel import NO_JOB, PAINTS, SPEEDS, Panel, drawn_html, legend_html, status_html
 from viewer.stage import Shown, Stage
 from viewer.timeline import Timeline
 
 LOOK_INTERVAL = 0.25  # between looks at the directory for new frames [s]
+FOCUS_STEP = 0.05  # a region follows the camera in steps of this share of its distance
 SERIES_PER_TICK = 64  # frames whose series are read at once, so that a long job does not hold up the picture
 log = logging.getLogger(__name__)
 
@@ -36,9 +39,10 @@ class Session:
         self._job: Job | None = None
         self._title = ""
         self._layout: Layout = unchanged
-        self._obstacles = NO_OBSTACLES
+        self._obstacles, self._handles = NO_OBSTACLES, no_handles()
         self._framed = False  # obstacles and camera have been set for the present job
         self._drawn: tuple[Frame, Shown] | None = None
+        self._focus = np.full(3, np.inf)  # what the camera looked at when the region last moved [m]
         self._next_look = 0.0
         self._last_tick: float | None = None
         self._listen()
@@ -130,10 +134,12 @@ class Session:
             scene, built = job.scene()
         except SceneError as problem:
             # yarns are in the frames; without the scene their order over each other and the obstacles are missing
-            self._title, self._obstacles, self._layout = "scene not readable", NO_OBSTACLES, unchanged
+            self._title, self._layout = "scene not readable", unchanged
+            self._obstacles, self._handles = NO_OBSTACLES, no_handles()
             log.warning("job %s: %s", job_id, problem)
         else:
-            self._title, self._obstacles, self._layout = scene.name, built.obstacles, layout_of(scene, built)
+            self._title, self._layout = scene.name, layout_of(scene, built)
+            self._obstacles, self._handles = built.obstacles, built.handles
         self._panel.job.value = job_id  # type: ignore[misc]  # settable: mypy loses the setter in viser's inheritance
         self._follow(True)
         self._next_look = 0.0
@@ -150,7 +156,7 @@ class Session:
         if not timeline.times:
             panel.status.content = status_html(self._title, f"{job.state}, no frame yet")
             return
-        frame, shown = read_frame_once(job.frames[timeline.index]), panel.shown()
+        frame = read_frame_once(job.frames[timeline.index])
         detail = f"{job.state} · time {frame.time:.3f} s · frame {frame.index} of {timeline.last} · step {frame.step}"
         panel.status.content = status_html(self._title, detail)
         if not self._framed:
@@ -158,14 +164,26 @@ class Session:
             self._stage.set_obstacles(self._obstacles, *bounds)
             self._stage.frame_camera(*bounds)
             self._framed = True
+        shown = panel.shown(self._look_at())
         if self._drawn is None or self._drawn[0] is not frame or self._drawn[1] != shown:
-            self._stage.draw(frame.yarns, self._layout, shown)
+            self._stage.move_obstacles(self._obstacles, self._handles, frame.time)
+            panel.drawn.content = drawn_html(self._stage.draw(frame.yarns, self._layout, shown))
             self._drawn = (frame, shown)
+
+    def _look_at(self) -> tuple[float, float, float]:
+        """Return the middle of the region to draw [m]: it stays while the camera moves little, or no region is shown."""
+        camera = self._client.camera
+        moved = np.linalg.norm(camera.look_at - self._focus)
+        if self._panel.level.value == "region" and moved > FOCUS_STEP * np.linalg.norm(camera.position - camera.look_at):
+            self._focus = camera.look_at
+        x, y, z = self._focus.tolist()
+        return x, y, z
 
     def _refit(self) -> None:
         if self._drawn is not None:
             self._stage.frame_camera(*self._bounds([self._drawn[0]]))
 
     def _bounds(self, frames: list[Frame]) -> tuple[np.ndarray, np.ndarray]:
-        lows, highs = zip(*(scene_bounds(frame, self._obstacles) for frame in frames), strict=True)
+        boxes = (scene_bounds(frame, posed(self._obstacles, self._handles, frame.time)) for frame in frames)
+        lows, highs = zip(*boxes, strict=True)
         return np.min(lows, axis=0), np.max(highs, axis=0)

@@ -4,8 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.contact.obstacles import ObstacleKind, Obstacles, posed
+from engine.yarns.handles import Handles
 from viewer.layers import Floats, Points, Segments
 
 Faces = NDArray[np.uint32]
@@ -23,6 +25,14 @@ class Mesh:
     vertices: Floats  # [m], shape [V, 3]
     faces: Faces  # shape [F, 3]
     colour: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Move:
+    """A rigid motion: turned about the origin, then shifted."""
+
+    position: NDArray[np.float64]  # [m], shape [3]
+    wxyz: NDArray[np.float64]  # unit quaternion, shape [4]
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,12 @@ def cylinder(sides: int) -> Shape:
     return np.concatenate([low, high, low, high]).astype(np.float32), np.concatenate(faces).astype(np.uint32)
 
 
+def pipe(sides: int) -> Shape:
+    """Return that cylinder without its ends: vertices and faces."""
+    vertices, faces = cylinder(sides)
+    return vertices[: 2 * sides], faces[: 2 * sides]
+
+
 def sphere(rings: int) -> Shape:
     """Return a sphere of radius 1 of `rings` rings with twice as many sides: vertices and faces."""
     sides = 2 * rings
@@ -85,7 +101,10 @@ def box() -> Shape:
 def obstacle_mesh(
     obstacles: Obstacles, index: int, low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> Mesh:
-    """Return obstacle `index` of a scene that extends from `low` to `high` [m]; a plane is a large square around it."""
+    """Return obstacle `index`, where it stands before it moves, of a scene that extends from `low` to `high` [m].
+
+    A plane is a large square around the scene.
+    """
     kind, size = ObstacleKind(obstacles.kind[index]), obstacles.size[index]
     rotation, centre = obstacles.rotation[index], obstacles.centre[index]
     if kind is ObstacleKind.PLANE:
@@ -99,6 +118,10 @@ def obstacle_mesh(
     elif kind is ObstacleKind.SPHERE:
         local, faces = sphere(24)
         local = local * size[0]
+    elif kind is ObstacleKind.MESH and obstacles.surfaces is not None:
+        surface = obstacles.surfaces.surface[index]
+        assert surface is not None
+        local, faces = surface.vertices.astype(np.float32), surface.faces.astype(np.uint32)
     else:
         local, faces = cylinder(64)
         local = local * (size[0], size[0], 2 * size[1])
@@ -106,13 +129,31 @@ def obstacle_mesh(
     return Mesh(vertices, faces, PLANE_COLOUR if kind is ObstacleKind.PLANE else OBSTACLE_COLOUR)
 
 
-UNIT_TUBE = cylinder(12)
+def moves(obstacles: Obstacles, handles: Handles, time: float) -> dict[int, Move]:
+    """Return by index how obstacles that handles carry have moved up to `time` [s]."""
+    if obstacles.handle is None:
+        return {}
+    now, found = posed(obstacles, handles, time), {}
+    for o in np.flatnonzero(obstacles.handle >= 0):
+        turn = now.rotation[o] @ obstacles.rotation[o].T
+        xyzw = Rotation.from_matrix(turn).as_quat()
+        found[int(o)] = Move(now.centre[o] - turn @ obstacles.centre[o], np.roll(xyzw, 1))
+    return found
+
+
+MANY = 5_000  # tubes above which they are drawn with fewer sides and open ends, which are too small to be seen
+UNIT_TUBE, UNIT_PIPE = cylinder(12), pipe(6)
 UNIT_BALL = sphere(6)
 REACH = 0.6  # radii by which a tube reaches past its end at most
 
 
+def tube(copies: int) -> Shape:
+    """Return the unit tube for so many copies."""
+    return UNIT_TUBE if copies <= MANY else UNIT_PIPE
+
+
 def tubes(segments: Segments) -> Instances:
-    """Return the copies of UNIT_TUBE that draw round segments.
+    """Return the copies of a unit tube that draw round segments.
 
     Where one segment goes on from the last, both reach past their common end until their outer sides meet.
     """

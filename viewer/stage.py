@@ -7,7 +7,9 @@ import viser
 
 from engine.contact.obstacles import Obstacles
 from engine.run.frames import YarnFrame
-from viewer import layers, shapes
+from engine.yarns.handles import Handles
+from viewer import detail, layers, shapes
+from viewer.detail import Level
 from viewer.lay import Layout
 from viewer.layers import Bytes, Paint
 from viewer.shapes import Instances
@@ -24,6 +26,8 @@ class Shown:
     nodes: bool
     obstacles: bool
     paint: Paint
+    level: Level = "auto"
+    focus: tuple[float, float, float] = (0.0, 0.0, 0.0)  # middle of the region that is drawn [m]
 
 
 class Stage:
@@ -59,6 +63,11 @@ class Stage:
                 self._client.scene.add_mesh_simple(f"/obstacles/{index}", mesh.vertices, mesh.faces, color=mesh.colour)
             )
 
+    def move_obstacles(self, obstacles: Obstacles, handles: Handles, time: float) -> None:
+        """Put the obstacles that are carried where they are at `time` [s]."""
+        for index, move in shapes.moves(obstacles, handles, time).items():
+            self._obstacles[index].position, self._obstacles[index].wxyz = move.position, move.wxyz
+
     def frame_camera(self, low: np.ndarray, high: np.ndarray) -> None:
         """Move the camera so that the box from `low` to `high` [m] fills the picture, z up."""
         size = float(np.linalg.norm(high - low))
@@ -72,25 +81,32 @@ class Stage:
         camera.position = eye + aside
         camera.look_at = target + aside  # after the position, which carries the old target along
 
-    def draw(self, yarns: YarnFrame | None, layout: Layout, shown: Shown) -> None:
-        """Show the yarns of one frame: as they lie, or with the nodes on thin lines where they are computed."""
+    def draw(self, yarns: YarnFrame | None, layout: Layout, shown: Shown) -> str:
+        """Show the yarns of one frame: as they lie, or with the nodes on thin lines where they are computed.
+
+        Returns what part of the frame that is, in words.
+        """
         for handle in self._obstacles:
             handle.visible = shown.obstacles
         if yarns is None:
-            return
+            return ""
+        whole, yarns = yarns, detail.part(yarns, shown.level, np.array(shown.focus))
         if shown.nodes:
             segments = layers.yarn_segments(yarns, shown.paint, layers.LINE_SCALE)
         else:
-            segments = layers.yarn_segments(layout(yarns), shown.paint)
+            drawn = layout(yarns, detail.budget(shown.level).segments)
+            segments = layers.yarn_segments(drawn, shown.paint)
         # one colour an instance: that of the middle of the segment
         colours = segments.colours.mean(axis=1, dtype=np.float32).round().astype(np.uint8)
-        self._yarns = self._instances(self._yarns, "/yarns", shapes.UNIT_TUBE, shapes.tubes(segments), colours)
+        tube = shapes.tube(len(segments.points))
+        self._yarns = self._instances(self._yarns, "/yarns", tube, shapes.tubes(segments), colours)
         self._yarns.visible = shown.yarns
         if shown.nodes:
             points = layers.node_points(yarns)
             self._nodes = self._instances(self._nodes, "/nodes", shapes.UNIT_BALL, shapes.balls(points), points.colours)
         if self._nodes is not None:
             self._nodes.visible = shown.nodes
+        return detail.statement(whole, yarns, shown.nodes)
 
     def _instances(
         self,
@@ -103,7 +119,8 @@ class Stage:
         """Show the instances with the node of the last frame; a new one is made only where they no longer fit."""
         room = 0 if handle is None else len(handle.batched_positions)
         count = len(instances.positions)
-        if handle is None or count > room:
+        fits = handle is not None and count <= room and len(handle.vertices) == len(unit[0])
+        if not fits:
             room = int(count * SPARE)
         # instances to spare have no size: the number of EoL nodes changes from frame to frame
         positions, wxyzs, scales, padded = (
@@ -111,7 +128,7 @@ class Stage:
             for a in (instances.positions, instances.wxyzs, instances.scales, colours)
         )
         wxyzs[count:, 0] = 1
-        if handle is None or room > len(handle.batched_positions):
+        if not fits or handle is None:
             return self._client.scene.add_batched_meshes_simple(
                 name, *unit, wxyzs, positions, batched_scales=scales, batched_colors=padded, lod="off"
             )

@@ -15,6 +15,7 @@ import numpy as np
 
 import engine
 from engine.bench.suite import Measurement, benchmark, median_seconds
+from engine.contact.obstacles import motion
 from engine.linalg.block_matrix import BLOCK
 from engine.scene.build import Built, build
 from engine.scene.load import load_scene
@@ -76,7 +77,7 @@ class Steps:
         b = self.built
         assert b.yarns is not None and b.state is not None
         self.model, self.state = b.yarns, b.state
-        self.stepper = YarnStepper(b.yarns, b.settings, b.gravity, b.obstacles, b.handles)
+        self.stepper = YarnStepper(b.yarns, b.settings, b.gravity, b.obstacles, b.handles, b.collisions)
 
     def take(self, count: int) -> list[tuple[float, StepReport]]:
         """Return seconds and report of `count` steps; raises RuntimeError where one is rejected."""
@@ -93,8 +94,9 @@ class Steps:
     def system(self) -> tuple[NewtonSystem, IncrementalPotential]:
         """Return the linear system of the next step, without its values."""
         chain = observe.chain_now(self.model, self.state)
-        potential = IncrementalPotential(self.model, self.built.settings, self.built.gravity, self.built.obstacles,
-                                         self.state, chain, STEP)
+        obstacles = motion(self.built.obstacles, self.built.handles, self.time, STEP)
+        potential = IncrementalPotential(self.model, self.built.settings, self.built.gravity, obstacles, self.state, chain,
+                                         STEP)
         return NewtonSystem(potential, self.built.settings, Stopwatch()), potential
 
 
@@ -154,8 +156,8 @@ def against_peer(crossings: int) -> Iterator[Measurement]:
     samples = []
     for _ in range(3):
         system.watch.laps.clear()
-        system.usable = None  # no factor is kept from the sample before
-        direction, iterations = system.direction(x, u, gradient)
+        system.forget_factor()  # that of the sample before
+        direction, iterations = system.direction(x, u, gradient, goal=0.0)
         samples.append(system.watch.laps["factor"] + system.watch.laps["solve"])
     matrix, point = system.layout.matrix, system.layout.point  # a patch has no contacts that would be condensed
     a = bsr_array((matrix.block.astype(np.float64), matrix.column, matrix.start))  # the same numbers: the peer needs double

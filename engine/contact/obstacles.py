@@ -1,7 +1,8 @@
-"""Rigid obstacles as packed signed distances, with penalty contact and anchored Coulomb friction.
+"""Rigid obstacles by signed distance, with penalty contact and anchored Coulomb friction.
 
-A point nearer than its contact distance feels the potential k (distance - sdf)^2 / 2. Friction holds it to an anchor on
-the obstacle by a tangential spring up to mu times the normal force of the last step, like friction between yarns.
+A point nearer than its contact distance feels the potential k (distance - sdf)^2 / 2 of the obstacle where it is at the
+end of the step. Friction holds the point to an anchor on the obstacle by a tangential spring up to mu times the normal
+force of the last step, like friction between yarns; the anchor moves with the obstacle.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,9 @@ import numpy as np
 from numba import njit
 
 from engine.arrays import Floats, Ints
-from engine.geometry.signed_distance import signed_distance
+from engine.contact.surface import Surfaces
+from engine.geometry.solids import SAMPLED, Solids, distance_to
+from engine.yarns.handles import Handles
 
 
 class ObstacleKind(IntEnum):
@@ -21,83 +24,131 @@ class ObstacleKind(IntEnum):
     BOX = 1  # size: half extents
     SPHERE = 2  # size[0]: radius
     CYLINDER = 3  # axis along local z; size[0]: radius, size[1]: half height
+    MESH = SAMPLED  # a closed surface; size: half extents of the grid that samples its distance
 
 
 @dataclass(frozen=True)
 class Obstacles:
-    """K obstacles; friction is theirs, and acts on whatever touches them."""
+    """K obstacles as they stand before anything moves; friction is theirs, and acts on whatever touches them."""
 
     kind: Ints  # ObstacleKind, shape [K]
     centre: Floats  # [m], shape [K, 3]
     rotation: Floats  # columns are the local axes in the world, shape [K, 3, 3]
     size: Floats  # [m], shape [K, 3]
     friction: Floats  # Coulomb coefficient, shape [K]
+    handle: Ints | None = None  # script handle that carries each, -1 for none, shape [K]; None where nothing moves
+    surfaces: Surfaces | None = None  # of the meshes among them
+
+
+@dataclass(frozen=True)
+class ObstacleMotion:
+    """Obstacles during one step."""
+
+    begin: Solids
+    end: Solids
+    friction: Floats  # [K]
+
+
+def posed(obstacles: Obstacles, handles: Handles, time: float) -> Solids:
+    """Return the obstacles where they are at `time` [s]."""
+    centre, rotation = obstacles.centre, obstacles.rotation
+    if obstacles.handle is not None:
+        carried = obstacles.handle >= 0
+        centre, rotation = centre.copy(), rotation.copy()
+        handle = obstacles.handle[carried]
+        centre[carried] = handles.carry(centre[carried], handle, 0.0, time)
+        rotation[carried] = handles.turns(time)[handle] @ rotation[carried]
+    if obstacles.surfaces is None:
+        lattice, samples = np.zeros((len(centre), 4), np.int64), np.zeros(0)
+    else:
+        lattice, samples = obstacles.surfaces.lattice, obstacles.surfaces.samples
+    return Solids(obstacles.kind, centre, rotation, obstacles.size, lattice, samples)
+
+
+def motion(obstacles: Obstacles, handles: Handles, time: float, h: float) -> ObstacleMotion:
+    """Return how the obstacles move in the step of `h` from `time` [s]."""
+    end = posed(obstacles, handles, time + h)
+    begin = end if obstacles.handle is None else posed(obstacles, handles, time)
+    return ObstacleMotion(begin, end, obstacles.friction)
 
 
 @njit(cache=True)
-def add_gradient(
-    points, kind, centre, rotation, size, friction, distance, stiffness, anchor, last_force, x0, x, gradient
-):
+def carry(points, begin, end, friction, last_force, x0, anchor, normal, limit):
+    """Take friction to the end of a step: write the `normal` [P, 3] and `limit` [P] [N], move `anchor` [P, 3].
+
+    The obstacle nearest to a point at the start of the step, x0, holds it: anchor and normal go along with that obstacle,
+    so that the potential of the step is smooth where it reaches across an edge.
+    """
+    local = np.empty(3)
+    for p in points:
+        o = _nearest(begin, x0[p], local)
+        limit[p] = friction[o] * last_force[p]
+        for k in range(3):
+            normal[p, k] = local[k]
+        _turn(begin.rotation[o], end.rotation[o], normal[p])
+        for k in range(3):
+            anchor[p, k] -= begin.centre[o, k]
+        _turn(begin.rotation[o], end.rotation[o], anchor[p])
+        for k in range(3):
+            anchor[p, k] += end.centre[o, k]
+
+
+@njit(cache=True)
+def add_gradient(points, solids, distance, stiffness, anchor, normal, limit, x, gradient):
     """Add the gradient to `gradient` [P, 5] and return the energy [J].
 
-    `points` may touch obstacles; contact `distance` [m], `stiffness` [N/m], friction `anchor` [P, 3] and `last_force`
-    [N] are given for every point, x0 is x at the start of the step.
+    `points` may touch obstacles; contact `distance` [m], `stiffness` [N/m], and `anchor`, `normal`, `limit` of friction
+    as `carry` leaves them are given for every point.
     """
     energy = 0.0
-    normal, slip = np.empty(3), np.empty(3)
+    outward, slip = np.empty(3), np.empty(3)
     for p in points:
-        for o in range(len(kind)):
-            depth = distance[p] - signed_distance(kind[o], centre[o], rotation[o], size[o], x[p], normal)
+        for o in range(len(solids.kind)):
+            depth = distance[p] - distance_to(solids, o, x[p], outward)
             if depth > 0.0:
                 energy += 0.5 * stiffness[p] * depth * depth
                 for k in range(3):
-                    gradient[p, k] -= stiffness[p] * depth * normal[k]
-        o = _nearest(kind, centre, rotation, size, x0[p], normal)
-        limit = friction[o] * last_force[p]
-        if limit > 0.0:
-            length = _slip(x[p], anchor[p], normal, slip)
-            reach = limit / stiffness[p]
+                    gradient[p, k] -= stiffness[p] * depth * outward[k]
+        if limit[p] > 0.0:
+            length = _slip(x[p], anchor[p], normal[p], slip)
+            reach = limit[p] / stiffness[p]
             if length <= reach:
                 energy += 0.5 * stiffness[p] * length * length
                 pull = stiffness[p]
             else:
-                energy += limit * (length - 0.5 * reach)
-                pull = limit / length
+                energy += limit[p] * (length - 0.5 * reach)
+                pull = limit[p] / length
             for k in range(3):
                 gradient[p, k] += pull * slip[k]
     return energy
 
 
 @njit(cache=True)
-def add_hessian(
-    points, kind, centre, rotation, size, friction, distance, stiffness, anchor, last_force, x0, x, diagonal, block
-):
+def add_hessian(points, solids, distance, stiffness, anchor, normal, limit, x, diagonal, block):
     """Add a positive semidefinite Hessian to the diagonal blocks: the curvature of obstacles is left out."""
-    normal, slip = np.empty(3), np.empty(3)
+    outward, slip = np.empty(3), np.empty(3)
     for p in points:
         b = diagonal[p]
-        for o in range(len(kind)):
-            depth = distance[p] - signed_distance(kind[o], centre[o], rotation[o], size[o], x[p], normal)
+        for o in range(len(solids.kind)):
+            depth = distance[p] - distance_to(solids, o, x[p], outward)
             if depth > 0.0:
                 for r in range(3):
                     for c in range(3):
-                        block[b, r, c] += stiffness[p] * normal[r] * normal[c]
-        o = _nearest(kind, centre, rotation, size, x0[p], normal)
-        limit = friction[o] * last_force[p]
-        if limit > 0.0:
-            length = _slip(x[p], anchor[p], normal, slip)
-            sticks = length <= limit / stiffness[p]
-            pull = stiffness[p] if sticks else limit / length
+                        block[b, r, c] += stiffness[p] * outward[r] * outward[c]
+        if limit[p] > 0.0:
+            length = _slip(x[p], anchor[p], normal[p], slip)
+            sticks = length <= limit[p] / stiffness[p]
+            pull = stiffness[p] if sticks else limit[p] / length
             for r in range(3):
                 block[b, r, r] += pull
                 for c in range(3):
-                    block[b, r, c] -= pull * normal[r] * normal[c]
+                    block[b, r, c] -= pull * normal[p, r] * normal[p, c]
                     if not sticks:
                         block[b, r, c] -= pull * slip[r] * slip[c] / (length * length)
 
 
 @njit(cache=True)
-def settle(points, kind, centre, rotation, size, friction, distance, stiffness, x, anchor, force, last_force):
+def settle(points, solids, distance, stiffness, limit, x, anchor, force):
     """Move friction anchors at the end of a step and write the normal forces of the next one.
 
     Returns the deepest penetration of a centre line into a solid [m].
@@ -105,11 +156,11 @@ def settle(points, kind, centre, rotation, size, friction, distance, stiffness, 
     normal, slip = np.empty(3), np.empty(3)
     deepest = 0.0
     for p in points:
-        o = _nearest(kind, centre, rotation, size, x[p], normal)
-        gap = signed_distance(kind[o], centre[o], rotation[o], size[o], x[p], normal)
+        o = _nearest(solids, x[p], normal)
+        gap = distance_to(solids, o, x[p], normal)
         deepest = max(deepest, -gap)
         force[p] = stiffness[p] * max(distance[p] - gap, 0.0)
-        reach = friction[o] * last_force[p] / stiffness[p]
+        reach = limit[p] / stiffness[p]
         length = _slip(x[p], anchor[p], normal, slip)
         if force[p] == 0.0 or reach == 0.0:
             anchor[p] = x[p]
@@ -121,15 +172,30 @@ def settle(points, kind, centre, rotation, size, friction, distance, stiffness, 
 
 
 @njit(cache=True)
-def _nearest(kind, centre, rotation, size, x, normal):
-    """Index of the obstacle nearest to x; its normal is written."""
+def _nearest(solids, x, normal):
+    """Index of the obstacle nearest to x; its unit normal is written."""
     best, least = 0, np.inf
-    for o in range(len(kind)):
-        distance = signed_distance(kind[o], centre[o], rotation[o], size[o], x, normal)
+    for o in range(len(solids.kind)):
+        distance = distance_to(solids, o, x, normal)
         if distance < least:
             best, least = o, distance
-    signed_distance(kind[best], centre[best], rotation[best], size[best], x, normal)
+    distance_to(solids, best, x, normal)
+    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    if length > 0.0:  # samples may have no slope in the middle of a body
+        for k in range(3):
+            normal[k] /= length
     return best
+
+
+@njit(cache=True)
+def _turn(before, after, v):
+    """Turn v as the axes `before` turn to those `after`, in place."""
+    along = np.zeros(3)
+    for m in range(3):
+        for k in range(3):
+            along[m] += before[k, m] * v[k]
+    for k in range(3):
+        v[k] = after[k, 0] * along[0] + after[k, 1] * along[1] + after[k, 2] * along[2]
 
 
 @njit(cache=True)

@@ -17,14 +17,15 @@ class Preconditioner(Protocol):
 
 
 def conjugate_gradient(
-    a: BlockMatrix, b: Floats, x: Floats, preconditioner: Preconditioner, tolerance: float, max_iterations: int
+    a: BlockMatrix, b: Floats, x: Floats, preconditioner: Preconditioner, tolerance: float, max_iterations: int,
+    floor: float = 0.0,
 ) -> tuple[int, bool]:
-    """Solve a x = b from x = 0 until the preconditioned residual falls by `tolerance`.
+    """Solve a x = b from x = 0 until the preconditioned residual falls by `tolerance`, or all of it to `floor`.
 
     Returns the number of iterations, and whether the matrix was found positive along all of them.
 
     b and x have shape [n, 5]; x is overwritten. The norm is that of the preconditioner, in which the iteration itself
-    measures: (r, M^-1 r)^1/2.
+    measures: (r, M^-1 r)^1/2; `floor` bounds every component of r.
     """
     x[:] = 0.0
     r = b.copy()
@@ -44,7 +45,7 @@ def conjugate_gradient(
         advance(rho / curvature, p, q, x, r)
         preconditioner.solve(r, z)
         rho_next = dot(r, z)
-        if rho_next <= target:
+        if rho_next <= target or largest(r) <= floor:
             return iteration, True
         turn(rho_next / rho, z, p)
         rho = rho_next
@@ -67,6 +68,21 @@ def dot(a, b):
     for chunk in range(chunks):
         total += partial[chunk]
     return total
+
+
+@njit(cache=True, parallel=True)
+def largest(a):
+    """Largest absolute value of a block vector."""
+    rows = len(a)
+    chunks = (rows + CHUNK - 1) // CHUNK
+    partial = np.zeros(chunks)
+    for chunk in prange(chunks):
+        most = 0.0
+        for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, rows)):
+            for k in range(a.shape[1]):
+                most = max(most, abs(a[i, k]))
+        partial[chunk] = most
+    return partial.max()
 
 
 @njit(cache=True, parallel=True)

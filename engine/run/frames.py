@@ -16,16 +16,20 @@ _FRAME_FILE = re.compile(r"\d{6,}\.h5")
 
 @dataclass(frozen=True)
 class YarnFrame:
-    """All yarns at one time: Y yarns with K EoL nodes, M points that are in use, N Eulerian coordinates."""
+    """All yarns at one time: Y yarns with K nodes and M points that are in use, N Eulerian coordinates.
 
-    line_positions: Floats  # EoL nodes in order along each yarn [m], shape [K, 3]
+    Positions, strains and coordinates are float32 where that is far below a yarn's radius, else float64.
+    """
+
+    line_positions: Floats  # nodes in order along each yarn, EIL nodes where they are interpolated [m], shape [K, 3]
     line_offsets: Ints  # yarn y is line_positions[line_offsets[y]:line_offsets[y+1]], shape [Y+1]
     line_strain: Floats  # stretch lambda - 1, averaged to nodes, shape [K]
+    line_points: NDArray[np.int32]  # index of the node's point in the model; yarns that touch share it, shape [K]
     radius: Floats  # [m], shape [Y]
     fabric: Ints  # -1 for a single yarn, shape [Y]
     node_positions: Floats  # [m], shape [M, 3]
     node_states: NDArray[np.uint8]  # NodeState, shape [M]
-    node_points: Ints  # index of the point in the model, shape [M]
+    node_points: NDArray[np.int32]  # index of the point in the model, shape [M]
     u: Floats  # Eulerian coordinates [m], shape [N]
 
 

@@ -30,7 +30,7 @@ def make_report(
 
 def _counts(statistics: Statistics) -> dict[str, int]:
     """Node counts: what never changes by its name, what does as the largest."""
-    changing = {"eol_inter", "eil", "contacts"}
+    changing = {"eol_inter", "eil", "contacts", "collisions"}
     return {f"{name}_max" if name in changing else name: count for name, count in statistics.counts.items()}
 
 

@@ -20,7 +20,8 @@ class YarnsInMotion:
         built = build(scene)
         assert built.yarns is not None and built.state is not None
         self.model, self.state, self.gravity = built.yarns, built.state, np.asarray(built.gravity, float)
-        self.stepper = YarnStepper(built.yarns, built.settings, built.gravity, built.obstacles, built.handles)
+        self.stepper = YarnStepper(built.yarns, built.settings, built.gravity, built.obstacles, built.handles, built.collisions)
+        self._collisions = 0  # that pressed at the end of the last step
         model = built.yarns
         contacts = bool(np.any(model.point_nodes[:, 1] >= 0))
         obstacles = len(built.obstacles.kind) > 0
@@ -36,7 +37,9 @@ class YarnsInMotion:
 
     def step(self, time: float, h: float) -> StepReport:
         """Try to advance from `time` by `h` [s]."""
-        return self.stepper.step(self.state, time, h)
+        report = self.stepper.step(self.state, time, h)
+        self._collisions = report.collisions
+        return report
 
     def arrays(self) -> dict[str, NDArray]:
         """Return the arrays of the yarn state."""
@@ -48,9 +51,10 @@ class YarnsInMotion:
             values[...] = arrays[f"yarns.{name}"]
 
     def counts(self) -> dict[str, int]:
-        """Return nodes by kind, and contacts between fabrics that have not been removed."""
+        """Return nodes by kind, contacts between fabrics that have not been removed, and collisions besides."""
         contacts = np.count_nonzero(self.state.active & (self.model.point_kind == PointKind.CONTACT))
-        return observe.counts(self.model, self.state) | {"contacts": int(contacts)}
+        collisions = {} if self.stepper.collisions is None else {"collisions": self._collisions}
+        return observe.counts(self.model, self.state) | {"contacts": int(contacts)} | collisions
 
     def energies(self) -> dict[str, float]:
         """Return kinetic and potential energy [J]."""

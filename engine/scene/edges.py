@@ -5,26 +5,30 @@ from math import radians, sin
 
 import numpy as np
 
+from engine.arrays import Floats, Ints
 from engine.scene.materials import known_materials
 from engine.scene.placement import axes
-from engine.scene.plan import Lines, PlanCrossings, cross_in_plan, sine_of_angle
+from engine.scene.plan import Lines, cross_in_plan, sine_of_angle
 from engine.scene.schema import Box, Fabric, Scene
-from engine.scene.weave import weave
+from engine.scene.weave import Weave
 from engine.yarns.assembly import YarnAssembly
 
 _LEAST_SINE = sin(radians(10))  # a yarn that runs along an edge does not bend over it
 
 
-def edge_crossings(scene: Scene, box: Box, fabric: Fabric) -> Iterator[tuple[int, Lines, PlanCrossings]]:
-    """Yield a family of the fabric (0 warps, 1 wefts), an edge, and where the family crosses the edge in plan view.
+def edge_crossings(
+    scene: Scene, box: Box, fabric: Fabric, patch: Weave
+) -> Iterator[tuple[int, Floats, Ints, Floats]]:
+    """Yield a family of the patch (0 warps, 1 wefts), the direction [3] of an edge, and yarns [n] over it at u [n] [m].
 
     Yields nothing for boxes without `edges` and for fabrics that do not lie on the box: free to move, parallel to its
-    top, and no more than the thickness of their warps above it.
+    top, and no more than the thickness of their thickest yarn above it.
     """
-    patch, (x, y, up) = weave(fabric), axes(box.rotation).T
+    x, y, up = axes(box.rotation).T
     centre, half = np.array(box.position), np.array(box.size) / 2
-    height = up @ (patch.warps.start - centre) - half[2]
-    thickness = 2 * known_materials(scene.materials)[fabric.material].radius
+    height = up @ (patch.warps.lines.start - centre) - half[2]
+    known = known_materials(scene.materials)
+    thickness = max(2 * known[name].radius for names in fabric.yarn_materials for name in names)
     flat = abs(up @ patch.normal) > 1 - 1e-9
     if not box.edges or fabric.kinematic or not flat or not 0 <= height <= thickness:
         return
@@ -33,18 +37,18 @@ def edge_crossings(scene: Scene, box: Box, fabric: Fabric) -> Iterator[tuple[int
         for side in (-1.0, 1.0):
             start = top + side * distance * outward - half_length * direction
             edge = Lines(start, direction, np.zeros(3), 1, 2 * half_length)
-            for family, lines in enumerate(patch.families):
-                if abs(sine_of_angle(lines, edge, up)) >= _LEAST_SINE:
-                    yield family, edge, cross_in_plan(lines, edge, up)
+            for index, family in enumerate(patch.families):
+                if abs(sine_of_angle(family.lines, edge, up)) >= _LEAST_SINE:
+                    crossings = cross_in_plan(family.lines, edge, up)
+                    i, j = crossings.lines()
+                    yarn, u = family.find(i, crossings.distances(i, j)[0])
+                    yield index, direction, yarn[yarn >= 0], u[yarn >= 0]
 
 
 def add_edges(
-    assembly: YarnAssembly, scene: Scene, box: Box, fabric: Fabric, first_yarn: int, friction: float
+    assembly: YarnAssembly, scene: Scene, box: Box, fabric: Fabric, patch: Weave, first_yarn: int, friction: float
 ) -> None:
     """Add a point wherever a yarn of the fabric crosses an upper edge of the box, at the yarn's own height."""
-    patch = weave(fabric)
-    for family, edge, crossings in edge_crossings(scene, box, fabric):
-        lines = patch.families[family]
-        i, j = crossings.lines()
-        u = np.clip(crossings.distances(i, j)[0], 0.0, lines.length)
-        assembly.edges(first_yarn + family * fabric.warps + i, u, lines.at(i, u), edge.along, friction)
+    for index, direction, yarn, u in edge_crossings(scene, box, fabric, patch):
+        family = patch.families[index]
+        assembly.edges(first_yarn + index * patch.warps.count + yarn, u, family.at(yarn, u), direction, friction)

@@ -17,6 +17,11 @@ class Lines:
     count: int
     length: float  # of each [m]
 
+    @property
+    def pitch(self) -> float:
+        """Distance of neighbouring lines [m]."""
+        return float(np.linalg.norm(self.step))
+
     def at(self, line: Ints, distance: Floats) -> Floats:
         """Return the places at `distance` [n] from the start of each `line` [n], shape [n, 3] [m]."""
         return self.start + line[:, None] * self.step + distance[:, None] * self.along

@@ -67,14 +67,19 @@ def unknown_name(path: str, name: str, known: Sequence[str], kind: str) -> Probl
 
 def problems_of(error: ValidationError, model: type[BaseModel], document: Any) -> list[Problem]:
     """Return what pydantic found wrong with `document` as a `model`."""
-    # a default that needs another value of its part is missing only because that value is wrong
-    details = (d for d in error.errors(include_url=False) if d["type"] != "default_factory_not_called")
+    details = (detail for detail in error.errors(include_url=False) if not _follows(detail))
     return first_problems(_problem(detail, model, document) for detail in details)
+
+
+def _follows(detail: Any) -> bool:
+    """Whether an error comes from others: a default that needs a wrong value, or a list in which wrong entries do not count."""
+    short = detail["type"] == "too_short" and detail["ctx"]["actual_length"] < len(detail["input"])
+    return short or detail["type"] == "default_factory_not_called"
 
 
 def _problem(detail: Any, model: type[BaseModel], document: Any) -> Problem:
     kind, location, context = detail["type"], detail["loc"], detail.get("ctx", {})
-    path = path_of(_without_tags(location, document))
+    path = path_of(_without_tags(location, document, kind == "missing"))
     if kind == "missing":
         fields = [part.model_fields[location[-1]] for part in _parts_at(model, location[:-1])]
         return Problem(path, "is missing", _one_line(fields[0].description) if fields else "a list with this entry")
@@ -110,14 +115,14 @@ def _expectation(message: str) -> str:
     return asked
 
 
-def _without_tags(location: Sequence[str | int], document: Any) -> list[str | int]:
-    """Leave out the parts of a location that name a member of a union: no key of the document."""
+def _without_tags(location: Sequence[str | int], document: Any, missing: bool) -> list[str | int]:
+    """Leave out the parts of a location that name a member of a union: no key of the document, nor one that is `missing`."""
     kept: list[str | int] = []
     for depth, part in enumerate(location):
         listed = isinstance(document, list | tuple) and isinstance(part, int) and part < len(document)
         if listed or (isinstance(document, dict) and part in document):
             document = document[part]
-        elif depth < len(location) - 1:
+        elif not missing or depth < len(location) - 1:
             continue
         kept.append(part)
     return kept
@@ -128,7 +133,7 @@ def _parts_at(model: type[BaseModel], location: Sequence[str | int]) -> list[typ
     annotation: Any = model
     for part in location:
         parts = _models_in(annotation)
-        if isinstance(part, int):
+        if isinstance(part, int) or not parts:
             continue
         if get_origin(annotation) is dict:
             annotation = get_args(annotation)[1]

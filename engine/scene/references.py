@@ -5,16 +5,19 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from engine.scene.materials import known_materials
+from engine.scene.meshes import mesh_problems
+from engine.scene.outline import touching_sides
 from engine.scene.problems import Problem, unknown_name
 from engine.scene.rods import held_points, piece_lengths, piece_segments
-from engine.scene.schema import Fabric, Handle, Scene, Yarn
-from engine.scene.stack import levels
+from engine.scene.schema import Box, Fabric, Handle, Scene, Yarn
+from engine.scene.stack import COUNTED, levels
 from engine.scene.weave import weave
 
 
 def disagreements(scene: Scene) -> Iterator[Problem]:
     """Yield what does not agree; later checks rely on earlier ones, so the first kind of problems ends the search."""
-    for check in (_step, _names, _known_names, _lines, _held_points, _ends, _stacks):
+    checks = (_step, _names, _known_names, _lines, _held_points, _ends, _patches, _outlines, _stacks, _edges, mesh_problems)
+    for check in checks:
         problem = None
         for problem in check(scene):
             yield problem
@@ -61,12 +64,18 @@ def _references(scene: Scene) -> Iterator[tuple[str, str, str | None]]:
         yield "material", f"yarns[{i}].material", yarn.material
         yield "handle", f"yarns[{i}].start.handle", yarn.start.handle
         yield "handle", f"yarns[{i}].end.handle", yarn.end.handle
+    for i, obstacle in enumerate(scene.obstacles):
+        yield "handle", f"obstacles[{i}].handle", obstacle.handle
     for i, crossing in enumerate(scene.crossings):
         yield "yarn", f"crossings[{i}].lower.yarn", crossing.lower.yarn
         yield "yarn", f"crossings[{i}].upper.yarn", crossing.upper.yarn
     for i, fabric in enumerate(scene.fabrics):
         yield "material", f"fabrics[{i}].material", fabric.material
         yield "material", f"fabrics[{i}].weft_material", fabric.weft_material
+        for family, names in (("warp", fabric.warp_stripes), ("weft", fabric.weft_stripes)):
+            yield from (("material", f"fabrics[{i}].{family}_stripes[{k}]", name) for k, name in enumerate(names))
+        for k, hold in enumerate(fabric.holds):
+            yield "handle", f"fabrics[{i}].holds[{k}].handle", hold.handle
     for i, contact in enumerate(scene.contacts):
         yield "fabric", f"contacts[{i}].lower", contact.lower
         yield "fabric", f"contacts[{i}].upper", contact.upper
@@ -131,20 +140,60 @@ def _ends(scene: Scene) -> Iterator[Problem]:
                               "pinned, or more segments")
 
 
+def _patches(scene: Scene) -> Iterator[Problem]:
+    """Rows of a pattern are of one length, holds hold something, and nothing that is held already."""
+    for i, fabric in enumerate(scene.fabrics):
+        rows = () if isinstance(fabric.pattern, str) else fabric.pattern
+        for k, row in enumerate(rows):
+            if len(row) != len(rows[0]):
+                yield Problem(f"fabrics[{i}].pattern[{k}]", f"has {len(row)} entries", f"{len(rows[0])}, as the first row")
+        if fabric.kinematic and fabric.holds:
+            yield Problem(f"fabrics[{i}].holds", "hold a patch that stays where it is", "none where kinematic is true")
+        for k, hold in enumerate(fabric.holds):
+            if hold.extent[0] > hold.extent[1]:
+                yield Problem(f"fabrics[{i}].holds[{k}].extent", "ends before it begins", "the smaller share first")
+
+
+def _outlines(scene: Scene) -> Iterator[Problem]:
+    """Outlines are simple polygons, on grids that can be looked at crossing by crossing, and leave some of them."""
+    looked_at = 0
+    for i, fabric in enumerate(scene.fabrics):
+        if fabric.outline is None:
+            continue
+        path = f"fabrics[{i}].outline"
+        looked_at += fabric.warps * fabric.wefts
+        if looked_at > COUNTED:
+            yield Problem(path, f"cuts grids of more than {COUNTED:,} crossings in all", "a grid no larger than the outline")
+            return
+        meeting = next(touching_sides(np.array(fabric.outline)), None)
+        if meeting:
+            yield Problem(path, "its sides from points {} and {} meet".format(*meeting), "a polygon that nowhere meets itself")
+        elif not weave(fabric).crossing_count:
+            yield Problem(path, "leaves no crossing of the patch", "an outline around one crossing at least")
+
+
 def _stacks(scene: Scene) -> Iterator[Problem]:
     """Fabrics in contact lie in one plane, each pair once, and nothing lies above itself."""
     fabrics = {fabric.name: fabric for fabric in scene.fabrics}
+    patches = {fabric.name: weave(fabric) for fabric in scene.fabrics}
     pairs: set[tuple[str, str]] = set()
     for i, contact in enumerate(scene.contacts):
         path, pair = f"contacts[{i}]", (contact.lower, contact.upper)
         if pair in pairs:
             yield Problem(path, "gives the same two fabrics as an entry before it", "one entry for each pair")
         pairs.add(pair)
-        lower, upper = fabrics[contact.lower], fabrics[contact.upper]
-        below, above = weave(lower), weave(upper)
-        height = below.normal @ (above.warps.start - below.warps.start)
-        if abs(below.normal @ above.normal) < 1 - 1e-9 or abs(height) > 1e-6 * lower.spacing:
+        below, above = patches[contact.lower], patches[contact.upper]
+        height = below.normal @ (above.warps.lines.start - below.warps.lines.start)
+        spacing = min(fabrics[contact.lower].spacings)
+        if abs(below.normal @ above.normal) < 1 - 1e-9 or abs(height) > 1e-6 * spacing:
             yield Problem(path, f"{contact.lower} and {contact.upper} do not lie in one plane",
                           "fabrics in one plane: the model neglects the thickness of layers")
     if scene.contacts and max(levels(scene.fabrics, scene.contacts).values()) >= len(scene.fabrics):
         yield Problem("contacts", "put a fabric above itself", "stacks from lower to upper")
+
+
+def _edges(scene: Scene) -> Iterator[Problem]:
+    """Edges that yarns slide over stay where they are."""
+    for i, box in enumerate(scene.obstacles):
+        if isinstance(box, Box) and box.edges and box.handle is not None:
+            yield Problem(f"obstacles[{i}].handle", "carries a box with edges", "edges: false, or no handle")

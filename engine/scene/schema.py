@@ -1,28 +1,36 @@
-"""What a scene may say. All units are SI, angles are in degrees."""
+"""What a scene may say. All units are SI but for yarns per inch, angles are in degrees."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, Strict, Tag, model_validator
 
 from engine.scene.materials import Material
+from engine.scene.patterns import PatternName
 from engine.scene.quantities import (
     Angles,
     Count,
+    Extent,
     Few,
     Friction,
     Length,
     Many,
     Name,
     NotNegative,
+    OneOrPair,
     Part,
+    Place,
     Positive,
     Seconds,
     Several,
     Sizes,
     Text,
+    Triangle,
     Vector,
+    by_form,
 )
 from engine.yarns.settings import YarnSettings
+
+INCH = 0.0254  # [m]
 
 
 class Step(Part):
@@ -126,19 +134,53 @@ class Crossing(Part):
     """A `crossing` stays, a `contact` ends where the yarns part, at a `stitch` neither yarn slides."""
 
 
+Edge = Literal["left", "right", "bottom", "top"]
+"""Side of a patch, seen from above: wefts run from left to right, warps from bottom to top."""
+
+_Row = Annotated[tuple[Literal[0, 1], ...], Strict(False), Field(min_length=1, max_length=64)]
+_Rows = Annotated[tuple[_Row, ...], Strict(False), Field(min_length=1, max_length=64)]
+Pattern = Annotated[Annotated[PatternName, Tag("single")] | Annotated[_Rows, Tag("list")], by_form]
+
+
+class EdgeHold(Part):
+    """How the yarn ends along one edge of a patch are held."""
+
+    edge: Edge
+    """Where yarns end: warps at `bottom` and `top`, wefts at `left` and `right`."""
+    extent: Extent = (0.0, 1.0)
+    """Part of the edge, as shares of its length from left to right or from bottom to top."""
+    hold: Literal["pinned", "clamped"] = "pinned"
+    """`pinned` fixes the positions of the ends, `clamped` those of the crossings next to them too."""
+    handle: Name | None = None
+    """Handle of `script` that carries them."""
+
+
 class Fabric(Part):
-    """A rectangular patch of plain weave: warps run along its y axis, wefts along its x axis."""
+    """A woven patch: warps run along its y axis, wefts along its x axis."""
 
     name: Name
     material: Name
     """Material of the warps and, without `weft_material`, of the wefts."""
     weft_material: Name | None = None
+    warp_stripes: Several[Name] = ()
+    """Materials of the warps one by one from the left, over and over; `material` where there are none."""
+    weft_stripes: Several[Name] = ()
+    """Materials of the wefts one by one from the bottom, over and over; in place of `weft_material`."""
+    pattern: Pattern = "plain"
+    """Which yarn is on top: a name, or one repeat as rows of 0 and 1, 1 where the warp is over the weft. Rows are wefts
+    from the bottom up, their entries warps from the left. Twills are right-hand, satins warp-faced, denim is twill-3/1."""
     warps: Annotated[int, Field(ge=2, le=100_000)]
     """Number of yarns along y."""
     wefts: Annotated[int, Field(ge=2, le=100_000)]
     """Number of yarns along x."""
-    spacing: Length
-    """Distance of neighbouring yarns [m]; yarns end half of it beyond the last crossing."""
+    spacing: OneOrPair[Length] | None = None
+    """Distance of neighbouring yarns [m], or of [warps, wefts]; yarns end half of it beyond the last crossing. This or
+    `yarns_per_inch`."""
+    yarns_per_inch: OneOrPair[Positive] | None = None
+    """Yarns per inch of cloth, or [warps, wefts] per inch; this or `spacing`."""
+    outline: Annotated[tuple[Place, ...], Strict(False), Field(min_length=3, max_length=256)] | None = None
+    """Corners [x, y] of a polygon in the plane of the patch about its centre [m], to which yarns are cut; it must not
+    cross itself. Without it the patch is the whole rectangle of warps and wefts."""
     position: Vector = (0.0, 0.0, 0.0)
     """Centre of the patch [m]."""
     rotation: Angles = (0.0, 0.0, 0.0)
@@ -149,9 +191,41 @@ class Fabric(Part):
     """The patch is rigid and stays where it is."""
     pins: Literal["none", "corners", "edges"] = "none"
     """Yarn ends pinned in space: those of the first and last warp and weft (`corners`) or all (`edges`)."""
+    holds: Few[EdgeHold] = ()
+    """What holds the edges; of two that hold the same point, the later one does."""
     obstacle_distance: Length | None = None
     """Distance at which obstacles begin to push [m]. By default the radius times 0.9 to the power of the number of
     fabrics that `contacts` puts below this one: layers coincide, and the lowest should carry those above it."""
+
+    @model_validator(mode="after")
+    def _says_each_thing_once(self) -> Self:
+        if (self.spacing is None) == (self.yarns_per_inch is None):
+            raise ValueError("exactly one of spacing and yarns_per_inch")
+        if self.weft_material is not None and self.weft_stripes:
+            raise ValueError("at most one of weft_material and weft_stripes")
+        return self
+
+    @property
+    def spacings(self) -> tuple[float, float]:
+        """Distances of neighbouring warps and of neighbouring wefts [m]."""
+        given = self.spacing if self.yarns_per_inch is None else self.yarns_per_inch
+        assert given is not None  # the validator saw to it
+        warps, wefts = given if isinstance(given, tuple) else (given, given)
+        return (warps, wefts) if self.yarns_per_inch is None else (INCH / warps, INCH / wefts)
+
+    @property
+    def yarn_materials(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of the materials of warps and of wefts, each over and over."""
+        return self.warp_stripes or (self.material,), self.weft_stripes or (self.weft_material or self.material,)
+
+
+class Seam(Part):
+    """A strip along an edge of the upper patch in which it is sewn onto the lower one."""
+
+    edge: Edge
+    """Side of the upper patch's whole rectangle, whatever its outline."""
+    width: Length | None = None
+    """Width of the strip [m], by default twice the spacing of the yarns along the edge."""
 
 
 class Contact(Part):
@@ -162,6 +236,8 @@ class Contact(Part):
     friction: Friction = 0.5
     min_angle: Annotated[float, Field(ge=1, le=90)] = 45.0
     """Yarns touch where they cross at this angle at least."""
+    seams: Few[Seam] = ()
+    """Where the two are sewn together: yarns that touch there never slide nor part."""
 
 
 class _Solid(Part):
@@ -170,6 +246,8 @@ class _Solid(Part):
     rotation: Angles = (0.0, 0.0, 0.0)
     """Rotations about the fixed x, y, z axes through `position`, in this order."""
     friction: Friction = 0.5
+    handle: Name | None = None
+    """Handle of `script` that carries the obstacle; it drags along what rubs on it."""
 
 
 class Plane(_Solid):
@@ -186,7 +264,8 @@ class Box(_Solid):
     """Lengths of its sides [m]."""
     edges: bool = False
     """Yarns of fabrics that lie on the top (local z) at the start slide over its edges on nodes of their own, where
-    they cross the edges at 10 degrees or more. Over another fabric they do so with the friction of the two fabrics."""
+    they cross the edges at 10 degrees or more. Over another fabric they do so with the friction of the two fabrics. Such a
+    box stays where it is."""
 
 
 class Sphere(_Solid):
@@ -204,7 +283,34 @@ class Cylinder(_Solid):
     height: Length
 
 
-Obstacle = Annotated[Plane | Box | Sphere | Cylinder, Field(discriminator="shape")]
+class Mesh(_Solid):
+    """A body with a closed surface of triangles, felt through samples of its distance."""
+
+    shape: Literal["mesh"]
+    file: Annotated[str, Field(min_length=1, max_length=255)] | None = None
+    """STL, OBJ, PLY or GLB file beside the scene's own, or below it; read when the scene is, from a file only."""
+    vertices: Many[Vector] = ()
+    """Corners in the body's own frame [m]."""
+    faces: Many[Triangle] = ()
+    """Triangles as indices of three vertices, all turned the same way seen from outside."""
+    resolution: Length | None = None
+    """Spacing of the samples [m], by default 1/64 of the longest side; edges are rounded by about as much."""
+
+
+Obstacle = Annotated[Plane | Box | Sphere | Cylinder | Mesh, Field(discriminator="shape")]
+
+
+class Collisions(Part):
+    """How yarns keep apart where no crossing or contact joins them: cloth and cloth, or parts of one."""
+
+    self: bool = False
+    """Whether they do. It costs a search in every step; friction does not act there."""
+    thickness: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    """Distance at which their centre lines begin to push, over the sum of their radii."""
+    stiffness: Positive = 1.0
+    """Stiffness of the push, over stretch stiffness / rest segment."""
+    spacing: Annotated[float, Field(ge=0.1, le=2.5)] = 0.5
+    """Distance of the spheres that stand for a yarn, in its radii, at most."""
 
 
 class Keyframe(Part):
@@ -212,14 +318,18 @@ class Keyframe(Part):
 
     time: Annotated[float, Field(ge=0, le=1e6)]
     """[s]"""
-    offset: Vector
+    offset: Vector = (0.0, 0.0, 0.0)
     """Translation from the start [m]."""
+    rotation: Angles = (0.0, 0.0, 0.0)
+    """Rotations from the start about the fixed x, y, z axes through the pivot, in this order, before the translation."""
 
 
 class Handle(Part):
     """Something that moves what it holds: linear in time between keyframes, still before and after."""
 
     name: Name
+    pivot: Vector = (0.0, 0.0, 0.0)
+    """Place that rotations leave where it is [m]."""
     keyframes: Annotated[Many[Keyframe], Field(min_length=1)]
     """By ascending time."""
 
@@ -263,6 +373,7 @@ class Scene(Part):
     crossings: Many[Crossing] = ()
     fabrics: Few[Fabric] = ()
     contacts: Several[Contact] = ()
+    contact: Collisions = Collisions()
     obstacles: Few[Obstacle] = ()
     script: Script = Script()
     output: Output = Output()

@@ -8,7 +8,7 @@ from engine.scene.edges import edge_crossings
 from engine.scene.problems import Problem
 from engine.scene.rods import held_points, piece_segments
 from engine.scene.schema import Box, Scene
-from engine.scene.stack import touching_families
+from engine.scene.stack import contact_count
 from engine.scene.weave import weave
 
 POINT_LIMIT = 2_000_000
@@ -36,7 +36,8 @@ class PartSize:
 
 
 def estimate(scene: Scene) -> SizeEstimate:
-    """Return the size of a scene; nodes and points are exact. The cost grows with the number of yarns."""
+    """Return the size of a scene; nodes and points are exact. The cost grows with the number
+    of yarns, in patches with an outline with that of crossings."""
     parts = list(part_sizes(scene))
     frames = int(scene.duration * scene.fps + 1e-9) + 1
     steps_a_frame = ceil(1 / (scene.fps * scene.step.default) - 1e-9)
@@ -58,16 +59,15 @@ def part_sizes(scene: Scene) -> Iterator[PartSize]:
     yield PartSize("crossings", len(scene.crossings), 2 * len(scene.crossings))
     patches = {fabric.name: weave(fabric) for fabric in scene.fabrics}
     for i, fabric in enumerate(scene.fabrics):
-        ends, crossings = 2 * (fabric.warps + fabric.wefts), fabric.warps * fabric.wefts
+        ends, crossings = 2 * patches[fabric.name].yarn_count, patches[fabric.name].crossing_count
         yield PartSize(f"fabrics[{i}]", ends + crossings, ends + 2 * crossings)
     for i, contact in enumerate(scene.contacts):
-        families = touching_families(contact, patches[contact.lower], patches[contact.upper])
-        count = sum(crossings.count for _, _, crossings in families)
+        count = contact_count(contact, patches[contact.lower], patches[contact.upper])
         yield PartSize(f"contacts[{i}]", count, 2 * count)
     for i, box in enumerate(scene.obstacles):
         if isinstance(box, Box):
             for fabric in scene.fabrics:
-                count = sum(crossings.count for _, _, crossings in edge_crossings(scene, box, fabric))
+                count = sum(len(yarn) for _, _, yarn, _ in edge_crossings(scene, box, fabric, patches[fabric.name]))
                 yield PartSize(f"obstacles[{i}].edges", count, count)
 
 

@@ -1,91 +1,106 @@
-"""Plain-weave patches: two families of straight yarns that go over and under each other in turn."""
+"""The geometry of woven patches at the start: two families of straight yarns on a grid."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from engine.arrays import Floats
+from engine.arrays import Flags, Floats, Ints
+from engine.scene.outline import Pieces, cut
 from engine.scene.placement import axes
 from engine.scene.plan import Lines
 from engine.scene.schema import Fabric
-from engine.yarns.assembly import YarnAssembly, YarnMaterial
-from engine.yarns.model import PointKind
+
+
+@dataclass(frozen=True)
+class Family:
+    """The warps or the wefts of a patch: each yarn is a piece of one of the lines of the grid."""
+
+    lines: Lines
+    pieces: Pieces
+    spacing: float  # of the crossings along the yarns [m]
+
+    @property
+    def count(self) -> int:
+        """Number of yarns."""
+        return len(self.pieces.line)
+
+    @property
+    def lengths(self) -> Floats:
+        """Length of each yarn [m]."""
+        return self.pieces.high - self.pieces.low
+
+    def at(self, yarn: Ints, u: Floats) -> Floats:
+        """Return the places at `u` [n] from the start of each `yarn` [n], shape [n, 3] [m]."""
+        return self.lines.at(self.pieces.line[yarn], self.pieces.low[yarn] + u)
+
+    def find(self, line: Ints, distance: Floats) -> tuple[Ints, Floats]:
+        """Return the yarn at `distance` [n] from the start of each `line` [n], -1 where there is none, and its u [m]."""
+        distance = np.clip(distance, 0.0, self.lines.length)
+        # complex numbers sort by the line first, then along it
+        yarn = np.searchsorted(self.pieces.line + 1j * self.pieces.low, line + 1j * distance, side="right") - 1
+        u = distance - self.pieces.low[yarn]
+        there = (self.pieces.line[yarn] == line) & (0.0 <= u) & (u <= self.lengths[yarn])
+        return np.where(there, yarn, -1), u
 
 
 @dataclass(frozen=True)
 class Weave:
     """The geometry of a patch at the start."""
 
-    warps: Lines
-    wefts: Lines
-    normal: Floats  # unit vector [3]
+    warps: Family
+    wefts: Family
+    frame: Floats  # unit vectors across the warps, along them, and up as columns [3, 3]
+    centre: Floats  # [m], shape [3]
+    kept: Flags | None  # crossings of the grid that an outline leaves, shape [warps, wefts]; None where it has none
 
     @property
-    def families(self) -> tuple[Lines, Lines]:
+    def families(self) -> tuple[Family, Family]:
         """Warps and wefts, in the order in which their yarns are numbered."""
         return self.warps, self.wefts
 
+    @property
+    def normal(self) -> Floats:
+        """Unit vector upwards [3]."""
+        return self.frame[:, 2]
+
+    @property
+    def yarn_count(self) -> int:
+        """Number of warps and wefts."""
+        return self.warps.count + self.wefts.count
+
+    @property
+    def crossing_count(self) -> int:
+        """Number of places where a warp crosses a weft."""
+        return self.warps.lines.count * self.wefts.lines.count if self.kept is None else int(self.kept.sum())
+
+    def crossings(self) -> tuple[Ints, Ints]:
+        """Return the lines of the warp and of the weft for every crossing, each of shape [n]."""
+        if self.kept is None:
+            return np.divmod(np.arange(self.crossing_count), self.wefts.lines.count)
+        i, j = np.nonzero(self.kept)
+        return i, j
+
+    def local(self, x: Floats) -> Floats:
+        """Return places `x` [n, 3] in the patch's own plane about its centre, shape [n, 2] [m]."""
+        return (x - self.centre) @ self.frame[:, :2]
+
 
 def weave(fabric: Fabric) -> Weave:
-    """Return the geometry of a patch: yarns end half a spacing beyond their last crossing."""
-    across, along, normal = axes(fabric.rotation).T
-    spacing, width, height = fabric.spacing, fabric.warps * fabric.spacing, fabric.wefts * fabric.spacing
-    corner = np.array(fabric.position) - width / 2 * across - height / 2 * along
-    return Weave(
-        warps=Lines(corner + spacing / 2 * across, along, spacing * across, fabric.warps, height),
-        wefts=Lines(corner + spacing / 2 * along, across, spacing * along, fabric.wefts, width),
-        normal=normal,
-    )
+    """Return the geometry of a patch: yarns end half a spacing beyond their last crossing, or earlier at its outline."""
+    frame = axes(fabric.rotation)
+    across, along, _ = frame.T
+    (between_warps, between_wefts), centre = fabric.spacings, np.array(fabric.position)
+    width, height = fabric.warps * between_warps, fabric.wefts * between_wefts
+    corner = centre - width / 2 * across - height / 2 * along
+    warps = Lines(corner + between_warps / 2 * across, along, between_warps * across, fabric.warps, height)
+    wefts = Lines(corner + between_wefts / 2 * along, across, between_wefts * along, fabric.wefts, width)
+    if fabric.outline is None:
+        kept, warp_pieces, weft_pieces = None, _whole(warps), _whole(wefts)
+    else:
+        counts, outline = (fabric.warps, fabric.wefts), np.array(fabric.outline)
+        kept, warp_pieces, weft_pieces = cut(outline, counts, fabric.spacings)
+    return Weave(Family(warps, warp_pieces, between_wefts), Family(wefts, weft_pieces, between_warps), frame, centre, kept)
 
 
-def add_weave(
-    assembly: YarnAssembly, index: int, fabric: Fabric, warp: YarnMaterial, weft: YarnMaterial, level: int
-) -> int:
-    """Add the yarns and points of a patch, fabric `index` of the scene; returns the number of its first yarn.
-
-    Its warps come first, then its wefts. `level` counts the fabrics below it, for `default_obstacle_distance`.
-    """
-    patch = weave(fabric)
-    first = len(assembly.yarns)
-    for lines, material in zip(patch.families, (warp, weft), strict=True):
-        distance = fabric.obstacle_distance or default_obstacle_distance(material.radius, level)
-        for _ in range(lines.count):
-            assembly.yarn(material, lines.length, fabric.spacing, index, fabric.kinematic, distance)
-    _add_crossings(assembly, first, fabric, patch)
-    yarn = first
-    for lines in patch.families:
-        _add_ends(assembly, yarn, fabric, lines)
-        yarn += lines.count
-    return first
-
-
-def default_obstacle_distance(radius: float, level: int) -> float:
-    """Return the distance at which obstacles begin to push the yarns of a fabric with `level` fabrics below it [m].
-
-    Layers of a stack coincide. The lowest alone should carry on what lies below it; those above it touch an obstacle
-    only where they hang off it, so they come a little nearer to obstacles before these push.
-    """
-    return radius * 0.9**level
-
-
-def _add_crossings(assembly: YarnAssembly, first: int, fabric: Fabric, patch: Weave) -> None:
-    i, j = np.divmod(np.arange(fabric.warps * fabric.wefts), fabric.wefts)
-    u, v = (j + 0.5) * fabric.spacing, (i + 0.5) * fabric.spacing
-    warp, weft = first + i, first + fabric.warps + j
-    warp_below = (i + j) % 2 == 0
-    assembly.crossings(
-        np.where(warp_below, warp, weft), np.where(warp_below, u, v),
-        np.where(warp_below, weft, warp), np.where(warp_below, v, u),
-        patch.warps.at(i, u), patch.normal, fabric.friction,
-        # nothing slides in a patch whose shape is given
-        PointKind.STITCH if fabric.kinematic else PointKind.CROSSING, pinned=fabric.kinematic,
-    )
-
-
-def _add_ends(assembly: YarnAssembly, first: int, fabric: Fabric, lines: Lines) -> None:
-    line = np.arange(lines.count)
-    outermost = (line == 0) | (line == lines.count - 1)
-    pinned = fabric.kinematic or fabric.pins == "edges" or (fabric.pins == "corners") & outermost
-    for end in (0.0, lines.length):
-        u = np.full(lines.count, end)
-        assembly.lagrangians(first + line, u, lines.at(line, u), pinned)
+def _whole(lines: Lines) -> Pieces:
+    return Pieces(np.arange(lines.count), np.zeros(lines.count), np.full(lines.count, lines.length))

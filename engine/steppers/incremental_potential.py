@@ -4,8 +4,10 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from engine.arrays import Floats, Ints
+from engine.contact import collisions
 from engine.contact import obstacles as obstacle_contact
-from engine.contact.obstacles import Obstacles
+from engine.contact.collisions import CollisionPairs
+from engine.contact.obstacles import ObstacleMotion
 from engine.linalg.block_matrix import BLOCK
 from engine.steppers.layout import Layout, lay_out, parts_of
 from engine.yarns import constraints, contact, friction, friction_circle, inertia, internal, normal_force, parallel_contact, shear
@@ -18,12 +20,13 @@ class IncrementalPotential:
     """I + V of a step of size h from `state`, whose assignment is `chain`; forces and anchors are those of its start."""
 
     def __init__(
-        self, model: YarnModel, settings: YarnSettings, gravity: Floats, obstacles: Obstacles,
-        state: YarnState, chain: Chain, h: float,
+        self, model: YarnModel, settings: YarnSettings, gravity: Floats, obstacles: ObstacleMotion,
+        state: YarnState, chain: Chain, h: float, colliding: CollisionPairs | None = None,
     ):
         """Freeze what stays constant within the step."""
         self.model, self.obstacles, self.state, self.chain, self.h = model, obstacles, state, chain, h
         self.settings = settings
+        self.colliding = colliding
         self.x0, self.u0 = state.x.copy(), state.u.copy()
         yarn_scale = model.stretch_stiffness / model.rest_segment
         first, second = model.point_nodes.T
@@ -59,12 +62,18 @@ class IncrementalPotential:
         self.touching = self._touching()
         distance = model.obstacle_distance[model.node_yarn]
         self.obstacle_distance = np.minimum(distance[first], np.where(second >= 0, distance[second], np.inf))
+        self.obstacle_anchor = state.obstacle_anchor.copy()
+        self.obstacle_normal, self.obstacle_limit = np.zeros((model.point_count, 3)), np.zeros(model.point_count)
+        if len(self.touching):
+            obstacle_contact.carry(self.touching, obstacles.begin, obstacles.end, obstacles.friction, state.obstacle_force,
+                                   self.x0, self.obstacle_anchor, self.obstacle_normal, self.obstacle_limit)
 
         self.projector = constraints.projectors(model, state)
         self.constrained = (self.projector != np.eye(BLOCK)).any(axis=(1, 2))
         self.constrained_points = np.flatnonzero(self.constrained)
         self.by_node = np.zeros((model.node_count, 4))
         self.gap = np.zeros((model.point_count, 3))
+        self.last_gap = np.full(model.point_count, np.inf)  # when the multipliers were updated [m]
         self.multiplier = np.zeros((model.point_count, 3))
         self.multiplier[self.split] = state.contact_force[self.split]
         self.offset = np.exp(-h / settings.transition_time) * state.gap_offset
@@ -86,7 +95,7 @@ class IncrementalPotential:
 
     def _touching(self) -> Ints:
         """Points that may touch obstacles: those whose x moves with one fabric's material."""
-        if len(self.obstacles.kind) == 0:
+        if len(self.obstacles.end.kind) == 0:
             return np.zeros(0, np.int64)
         model, state = self.model, self.state
         kind = model.point_kind
@@ -112,7 +121,7 @@ class IncrementalPotential:
 
     def gradient(self, x: Floats, u: Floats) -> tuple[float, Floats]:
         """Return the energy [J] and the gradient with respect to the unknowns of points [P, 5] [N]."""
-        m, o = self.model, self.obstacles
+        m = self.model
         energy = self.internal(x, u)
         energy += friction.add_gradient(self.sliding, self.friction_stiffness, self.friction_limit, self.state.anchor,
                                         self.hold, self.u0, u, self.by_node)
@@ -122,10 +131,25 @@ class IncrementalPotential:
         constraints.gather(m.node_point, m.node_slot, self.by_node, gradient)
         if len(self.touching):
             energy += obstacle_contact.add_gradient(
-                self.touching, o.kind, o.centre, o.rotation, o.size, o.friction, self.obstacle_distance,
-                self.obstacle_stiffness, self.state.obstacle_anchor, self.state.obstacle_force, self.x0, x, gradient)
+                self.touching, self.obstacles.end, self.obstacle_distance, self.obstacle_stiffness, self.obstacle_anchor,
+                self.obstacle_normal, self.obstacle_limit, x, gradient)
+        if (pairs := self.colliding) is not None:
+            energy += collisions.add_gradient(pairs.point, pairs.weight, pairs.rest, pairs.stiffness, x, gradient)
         constraints.project_gradient(self.constrained_points, self.projector, gradient)
         return energy, gradient
+
+    def update_multipliers(self, tolerance: float) -> bool:
+        """Let the multipliers take over the constraint's force; `tolerance` [m] is a gap that may stay.
+
+        A contact whose gap has hardly shrunk since the last time works against something stiffer than itself: it
+        becomes ten times as stiff. Returns whether there is one.
+        """
+        self.multiplier = self.contact_force()
+        gap = np.linalg.norm(self.gap[self.split], axis=1)
+        slow = self.split[(gap > tolerance) & (gap > 0.25 * self.last_gap[self.split])]
+        self.last_gap[self.split] = gap
+        self.constraint_stiffness[slow] *= 10.0
+        return len(slow) > 0
 
     def contact_force(self) -> Floats:
         """Return the force between both sides of every point, at the last evaluation of `internal`, shape [P, 3] [N].
@@ -155,6 +179,8 @@ class IncrementalPotential:
         for together in (members, sheared):
             pairs += [together[:, [a, b]] for a in range(5) for b in range(a)]
         pairs.append(m.node_point[self.parallel_pair])
+        if self.colliding is not None:
+            pairs.append(self.colliding.coupled(m.point_count))
 
         condensed = np.zeros(0, np.int64)
         if condense:
@@ -187,7 +213,7 @@ class IncrementalPotential:
 
         Returns whether the condensed unknowns could be eliminated, whose block must be positive for that.
         """
-        m, c, o, a = self.model, self.chain, self.obstacles, layout.matrix
+        m, c, a = self.model, self.chain, layout.matrix
         internal.hessian(
             c.node, c.start, m.node_point, m.density, m.kinematic, m.stretch_stiffness, m.stretch_damping,
             m.bending_stiffness, self.h, self.x0, self.u0, self.prediction, x, u, convex, self.band)
@@ -209,9 +235,11 @@ class IncrementalPotential:
             layout.condensed, a.start, a.column, a.block, layout.inverse, layout.coupling)
         if len(self.touching):
             obstacle_contact.add_hessian(
-                self.touching, o.kind, o.centre, o.rotation, o.size, o.friction, self.obstacle_distance,
-                self.obstacle_stiffness, self.state.obstacle_anchor, self.state.obstacle_force, self.x0, x,
-                a.diagonal[layout.row], a.block)
+                self.touching, self.obstacles.end, self.obstacle_distance, self.obstacle_stiffness, self.obstacle_anchor,
+                self.obstacle_normal, self.obstacle_limit, x, a.diagonal[layout.row], a.block)
+        if (colliding := self.colliding) is not None:
+            collisions.add_hessian(colliding.point, colliding.weight, colliding.rest, colliding.stiffness, x, convex,
+                                   layout.row, a.start, a.column, a.block)
         constraints.project_hessian(self.constrained, self.projector, layout.point, a.start, a.column, a.diagonal, a.block)
         constraints.project_coupling(layout.others, self.projector, layout.coupling)
         return positive

@@ -11,6 +11,7 @@ from engine.yarns import constraints, contact
 from engine.yarns.settings import YarnSettings
 
 STALE = 2  # times as many iterations as with a fresh factor end the use of an old one
+MARGIN = 0.3  # of Newton's goal, for what the Hessian does not foresee
 
 
 class NewtonSystem:
@@ -24,10 +25,15 @@ class NewtonSystem:
         self.fresh_iterations = 0  # that the last fresh factor took
         self.usable: bool | None = None  # the factor is of this form of the Hessian, convex or not
 
-    def direction(self, x: Floats, u: Floats, gradient: Floats) -> tuple[Floats, int]:
+    def forget_factor(self) -> None:
+        """Say that the Hessian has changed too much for the factor that there is."""
+        self.usable = None
+
+    def direction(self, x: Floats, u: Floats, gradient: Floats, goal: float) -> tuple[Floats, int]:
         """Return the Newton direction [P, 5] and the conjugate-gradient iterations it took.
 
-        It solves H d = -g with the true Hessian or, where that is found indefinite, with its positive form.
+        It solves H d = -g with the true Hessian or, where that is found indefinite, with its positive form, and no further
+        than Newton's `goal` [N] for the largest component of g asks for.
         """
         total = 0
         for convex in (False, True):
@@ -35,13 +41,13 @@ class NewtonSystem:
             self.watch.lap("assemble")
             if not positive:
                 continue
-            direction, iterations, positive = self._solve(convex, -gradient)
+            direction, iterations, positive = self._solve(convex, -gradient, goal)
             total += iterations
             if positive:
                 return direction, total
         return -gradient, total
 
-    def _solve(self, convex: bool, load: Floats) -> tuple[Floats, int, bool]:
+    def _solve(self, convex: bool, load: Floats, goal: float) -> tuple[Floats, int, bool]:
         """Solve for a load [P, 5]; the last factor serves as long as it is of the same form and not much worse than fresh."""
         layout = self.layout
         fresh = self.usable is not convex
@@ -50,16 +56,19 @@ class NewtonSystem:
             self.watch.lap("factor")
             if self.usable is None:
                 return load, 0, False
-        reduced = load[layout.point]
-        contact.condense_load(layout.condensed_points, layout.condensed, layout.others, layout.row, layout.inverse,
-                              layout.coupling, load, reduced)
+        condensed = load.copy()
+        contact.condense_load(layout.condensed_points, layout.condensed, layout.others, layout.inverse, layout.coupling,
+                              load, condensed)
+        constraints.project_gradient(self.potential.constrained_points, self.potential.projector, condensed)
+        reduced = condensed[layout.point]
         solution = np.empty_like(reduced)
         iterations, positive = conjugate_gradient(
-            layout.matrix, reduced, solution, self.factor, self.settings.linear_tolerance, self.settings.max_linear)
+            layout.matrix, reduced, solution, self.factor, self.settings.linear_tolerance, self.settings.max_linear,
+            MARGIN * goal)
         if fresh:
             self.fresh_iterations = iterations
         if not positive or iterations > STALE * self.fresh_iterations:
-            self.usable = None
+            self.forget_factor()
         direction = np.zeros_like(load)
         direction[layout.point] = solution
         contact.expand(layout.condensed_points, layout.condensed, layout.others, layout.inverse, layout.coupling, load,

@@ -18,6 +18,7 @@ class StepReport:
     contact_gap: float = 0.0  # largest gap of an EIL contact, in yarn radii
     constraint_gap: float = 0.0  # the same without what still fades after transitions
     penetration: float = 0.0  # deepest centre line inside an obstacle, in yarn radii
+    collisions: int = 0  # pairs of spheres of a yarn or two that press on each other
     removed: int = 0  # contacts removed at the end of the step
     stages: dict[str, float] = field(default_factory=dict)  # seconds
 

@@ -5,7 +5,9 @@ from numba import njit
 
 from engine.arrays import Floats, Ints
 from engine.contact import obstacles as obstacle_contact
-from engine.contact.obstacles import Obstacles
+from engine.contact.collisions import pressing
+from engine.contact.obstacles import Obstacles, motion
+from engine.contact.sphere_packing import Collisions, collision_pairs
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.line_search import line_search, longest_update
 from engine.steppers.newton_system import NewtonSystem
@@ -17,41 +19,53 @@ from engine.yarns.removal import parted, remove
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, assign, chain_of
 
+NEARLY = 100.0  # times the tolerance: from this residual on, multipliers are worth an update
+
 
 class YarnStepper:
     """Advances the yarns of a scene, one step at a time."""
 
     def __init__(
-        self, model: YarnModel, settings: YarnSettings, gravity: Floats, obstacles: Obstacles, handles: Handles
+        self, model: YarnModel, settings: YarnSettings, gravity: Floats, obstacles: Obstacles, handles: Handles,
+        collisions: Collisions | None = None,
     ):
-        """Keep what does not change between steps; `gravity` [3] in m/s^2."""
+        """Keep what does not change between steps; `gravity` [3] in m/s^2. Without `collisions` yarns meet at points only."""
         self.model, self.settings, self.obstacles, self.handles = model, settings, obstacles, handles
+        self.collisions = collisions
         self.gravity = np.asarray(gravity, np.float64)
         self.weight = float(np.max(model.density * model.rest_segment, initial=0.0) * np.linalg.norm(self.gravity))
         self.radius = model.radius[model.node_yarn[model.point_nodes[:, 0]]]
+        self.least_radius = float(model.radius.min())
 
     def step(self, state: YarnState, time: float, h: float) -> StepReport:
         """Advance `state` from `time` by `h` [s]; a rejected step leaves it as it was."""
         report, watch = StepReport(), Stopwatch()
         start = state.copy()
         chain = self.assign_nodes(start, h)
-        potential = IncrementalPotential(
-            self.model, self.settings, self.gravity, self.obstacles, start, chain, h)
+        obstacles = motion(self.obstacles, self.handles, time, h)
+        watch.lap("assign")
+        colliding = None
+        if self.collisions is not None:
+            colliding = collision_pairs(self.collisions, self.model, start, chain, h)
+            watch.lap("detect")
+        potential = IncrementalPotential(self.model, self.settings, self.gravity, obstacles, start, chain, h, colliding)
         system = NewtonSystem(potential, self.settings, watch)
         watch.lap("assign")
 
         x, u, energy, gradient = self.first_guess(start, potential, time, h)
         watch.lap("assemble")
         while True:
-            self.measure(report, potential, gradient, x, u)
-            if report.residual <= self.settings.tolerance:
-                if report.constraint_gap <= self.settings.gap_tolerance:
-                    break
-                potential.multiplier = potential.contact_force()
+            scale = self.measure(report, potential, gradient, x, u)
+            closed = report.constraint_gap <= self.settings.gap_tolerance
+            if closed and report.residual <= self.settings.tolerance:
+                break
+            if not closed and report.residual <= NEARLY * self.settings.tolerance:
+                if potential.update_multipliers(self.settings.gap_tolerance * self.least_radius):
+                    system.forget_factor()
                 energy, gradient = potential.gradient(x, u)
             if report.newton_iterations == self.settings.max_newton:
                 return rejected(report, watch, "Newton did not converge")
-            direction, iterations = system.direction(x, u, gradient)
+            direction, iterations = system.direction(x, u, gradient, self.settings.tolerance * scale)
             report.linear_iterations += iterations
             found = line_search(potential, x, u, energy, gradient, direction)
             watch.lap("line_search")
@@ -63,6 +77,10 @@ class YarnStepper:
             return rejected(report, watch, "the energy is not finite")
         if passes_neighbours(chain.before, chain.after, start.eil, start.order, self.model.node_point, start.active, u):
             return rejected(report, watch, "a node passed more than one neighbour")
+        if colliding is not None:
+            report.collisions, passed = pressing(colliding.point, colliding.weight, colliding.rest, start.x, x)
+            if passed:
+                return rejected(report, watch, "yarns passed through each other")
         self.commit(state, start, potential, x, u, h, report)
         watch.lap("commit")
         report.accepted, report.stages = True, watch.laps
@@ -94,8 +112,7 @@ class YarnStepper:
         x, u = start.x.copy(), start.u.copy()
         held = self.model.handle >= 0
         if held.any():
-            motion = self.handles.offsets(time + h) - self.handles.offsets(time)
-            x[held] += motion[self.model.handle[held]]
+            x[held] = self.handles.carry(x[held], self.model.handle[held], time, h)
         du = np.zeros(self.model.node_count)
         du[potential.sliding] = h * start.u_rate[potential.sliding]
         further = x + h * np.einsum("pij,pj->pi", potential.projector[:, :3, :3], start.x_rate)
@@ -105,15 +122,20 @@ class YarnStepper:
 
     def measure(
         self, report: StepReport, potential: IncrementalPotential, gradient: Floats, x: Floats, u: Floats
-    ) -> None:
-        """Note the residual force, compared with gravity and with the largest internal force, and the largest gap."""
+    ) -> float:
+        """Note the residual force, compared with gravity and with the largest internal force, and the largest gap.
+
+        Returns the scale of force [N] that the residual is compared with.
+        """
         m, c = self.model, potential.chain
         tension = largest_tension(c.node, c.after, m.node_yarn, m.node_point, m.stretch_stiffness, x, u)
         floor = 1e-9 * float(m.stretch_stiffness.max(initial=0.0))
-        report.residual = float(np.abs(gradient).max(initial=0.0)) / max(self.weight, 1e-3 * tension, floor)
+        scale = max(self.weight, 1e-3 * tension, floor)
+        report.residual = float(np.abs(gradient).max(initial=0.0)) / scale
         split = potential.split
         report.contact_gap = self.largest_gap(split, potential.gap[split] + potential.offset[split])
         report.constraint_gap = self.largest_gap(split, potential.gap[split])
+        return scale
 
     def largest_gap(self, points: Ints, gap: Floats) -> float:
         """Return the largest of the gaps [n, 3] at `points`, in yarn radii."""
@@ -148,17 +170,18 @@ class YarnStepper:
         untouched[potential.touching] = False
         start.obstacle_force[untouched], start.obstacle_anchor[untouched] = 0.0, x[untouched]
         if len(potential.touching):
-            o = self.obstacles
+            start.obstacle_anchor[potential.touching] = potential.obstacle_anchor[potential.touching]
             deepest = obstacle_contact.settle(
-                potential.touching, o.kind, o.centre, o.rotation, o.size, o.friction, potential.obstacle_distance,
-                potential.obstacle_stiffness, x, start.obstacle_anchor, start.obstacle_force,
-                potential.state.obstacle_force.copy())
+                potential.touching, potential.obstacles.end, potential.obstacle_distance, potential.obstacle_stiffness,
+                potential.obstacle_limit, x, start.obstacle_anchor, start.obstacle_force)
             report.penetration = deepest / float(self.radius[potential.touching].min())
 
         start.x, start.u = x, u
         ended = parted(m, start, s.separation_steps)
         if len(ended):
             remove(m, start, ended)
+            if self.collisions is not None:
+                start.parting[ended] = m.point_nodes[ended, 1] >= 0
             report.removed = len(ended)
         vars(state).update(vars(start))
 

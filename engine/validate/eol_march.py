@@ -44,7 +44,7 @@ class March:
     def pull(self, gravity: Floats, **settings: Any) -> None:
         """Go on under another gravity [3], with other settings where given."""
         self.stepper = YarnStepper(self.model, replace(self.built.settings, **settings), np.asarray(gravity, float),
-                                   self.built.obstacles, self.built.handles)
+                                   self.built.obstacles, self.built.handles, self.built.collisions)
 
     def attempts(self, until: float) -> Iterator[Attempt]:
         """Step to `until` [s] and yield every attempt, rejected ones too; raises StepTooSmall as a run would."""

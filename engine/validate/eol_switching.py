@@ -7,6 +7,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from engine.arrays import Floats
+from engine.contact.obstacles import motion
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.validate.catalogue import CaseResult, Row, case
 from engine.validate.fit import fitted_exponent
@@ -200,7 +201,7 @@ class _Corner:
         for distance in (0.05, 0.95, 0.05):
             yarns = stepper(model, WEIGHTLESS, safety_distance=distance, optimal_transition=optimal)
             chain = yarns.assign_nodes(state, h=1.0)
-            at_rest = IncrementalPotential(
-                model, yarns.settings, yarns.gravity, yarns.obstacles, state, chain, h=1.0)
+            nothing = motion(yarns.obstacles, yarns.handles, time=0.0, h=1.0)
+            at_rest = IncrementalPotential(model, yarns.settings, yarns.gravity, nothing, state, chain, h=1.0)
             energies.append(at_rest.internal(state.x, state.u))
         return energies

@@ -154,6 +154,7 @@ class YarnAssembly:
         state = YarnState(
             x=x, u=u, x_rate=np.zeros((points, 3)), u_rate=np.zeros(nodes), velocity=np.zeros((nodes, 2, 3)),
             order=np.arange(nodes, dtype=np.int64), eil=np.zeros(nodes, np.bool_), active=np.ones(points, np.bool_),
+            parting=np.zeros(points, np.bool_),
             anchor=u.copy(), normal_force=np.zeros(points), contact_force=np.zeros((points, 3)), gap=np.zeros((points, 3)),
             gap_offset=np.zeros((points, 3)),
             pulling_steps=np.zeros(points, np.int64),

@@ -59,7 +59,7 @@ def hessian(
 
 @njit(cache=True, parallel=True)
 def gather(
-    point, row, point_nodes, place, chain, chain_start, node_yarn, node_point, node_slot, band, sliding, start, column, block
+    point, row, point_nodes, place, chain, chain_start, node_yarn, node_point, node_slot, band, sliding, start, column, block,
 ):
     """Write the rows of the Hessian that the yarns' bands and `sliding` [P, 2, 2] make up; all else becomes zero.
 

@@ -95,6 +95,7 @@ class YarnState:
     eil: Flags  # node has interpolated Lagrangian coordinates, shape [N]
     active: Flags  # point has not been removed, shape [P]
     anchor: Floats  # friction anchor of each node [m], shape [N]
+    parting: Flags  # contact was removed, but its yarns have not come clear of each other; only kept for collisions, shape [P]
     normal_force: Floats  # F_n at points, of the last step; negative where yarns pull [N], shape [P]
     contact_force: Floats  # force between the two sides of each point in the last step [N], shape [P, 3]
     gap: Floats  # between the two sides of EIL contacts [m], shape [P, 3]

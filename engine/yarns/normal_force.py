@@ -55,7 +55,7 @@ def normal_forces(
                 for m in (i, j):
                     y = node_yarn[m]
                     tension = stretch_stiffness[y] * (stretch(m, before, after, node_point, x, u) - 1.0)
-                    force[p] += 0.5 * _crimp_force(offset, rest_segment[y], bending_stiffness[y], tension)
+                    force[p] += 0.5 * crimp_force(offset, rest_segment[y], bending_stiffness[y], tension)
 
 
 def at_rest(model: YarnModel, state: YarnState, chain: Chain) -> Floats:
@@ -69,7 +69,7 @@ def at_rest(model: YarnModel, state: YarnState, chain: Chain) -> Floats:
 
 
 @njit(cache=True)
-def _crimp_force(offset, spacing, bending_stiffness, tension):
+def crimp_force(offset, spacing, bending_stiffness, tension):
     """Force with which a crimped yarn presses on the one it passes [N].
 
     The model's yarns share the point; in a weave the yarn bends by twice atan(offset / spacing) over its partner, and

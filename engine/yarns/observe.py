@@ -7,6 +7,8 @@ from engine.yarns import bending, shear, stretch
 from engine.yarns.model import NodeState, PointKind, YarnModel, YarnState
 from engine.yarns.topology import Chain, chain_of
 
+ROUNDING = 1e-3  # share of the thinnest yarn's radius that rounding in frames may move a point
+
 
 def chain_now(model: YarnModel, state: YarnState) -> Chain:
     """Return the chains of the state's present assignment."""
@@ -26,15 +28,36 @@ def node_states(model: YarnModel, state: YarnState) -> Floats:
 
 
 def yarn_frame_arrays(model: YarnModel, state: YarnState) -> dict:
-    """Return the arrays of a frame: polylines through EoL nodes with their strain, points with their states."""
+    """Return the arrays of a frame: polylines through the nodes in use with their strain, points with their states.
+
+    EIL nodes lie where they are interpolated between EoL nodes: they bend no line, and say where yarns cross. Lengths
+    and positions are rounded to float32 where that moves nothing by more than ROUNDING radii, strains always.
+    """
     chain = chain_now(model, state)
+    line = chain_of(model, state.order, np.zeros_like(state.eil), state.active)
+    eil = state.eil[line.node]
+    before, after = (np.where(eil, end[line.node], line.node) for end in (chain.before, chain.after))
+    span = state.u[after] - state.u[before]
+    share = np.divide(state.u[line.node] - state.u[before], span, out=np.zeros(len(span)), where=span > 0.0)
+    xa, xb = state.x[model.node_point[before]], state.x[model.node_point[after]]
+    strains = np.zeros(model.node_count)
+    strains[chain.node] = strain(model, state)
     states = node_states(model, state)
     shown = np.flatnonzero(states != NodeState.REMOVED)
     return dict(
-        line_positions=state.x[model.node_point[chain.node]], line_offsets=chain.start, line_strain=strain(model, state),
-        radius=model.radius, fabric=model.fabric, node_positions=state.x[shown], node_states=states[shown],
-        node_points=shown, u=state.u.copy(),
+        line_positions=_rounded((1.0 - share)[:, None] * xa + share[:, None] * xb, model.radius),
+        line_offsets=line.start,
+        line_strain=((1.0 - share) * strains[before] + share * strains[after]).astype(np.float32),
+        line_points=model.node_point[line.node].astype(np.int32), radius=model.radius, fabric=model.fabric,
+        node_positions=_rounded(state.x[shown], model.radius), node_states=states[shown],
+        node_points=shown.astype(np.int32), u=_rounded(state.u, model.radius),
     )
+
+
+def _rounded(values: Floats, radius: Floats) -> Floats:
+    """Return lengths [m] as float32 where that is precise enough for yarns of these radii, else as they are."""
+    error = np.finfo(np.float32).eps / 2 * np.abs(values).max(initial=0.0)
+    return values.astype(np.float32) if error <= ROUNDING * radius.min(initial=np.inf) else values.copy()
 
 
 def strain(model: YarnModel, state: YarnState) -> Floats:
@@ -55,10 +78,14 @@ def strain(model: YarnModel, state: YarnState) -> Floats:
 def counts(model: YarnModel, state: YarnState) -> dict[str, int]:
     """Return how many points there are of each kind, as Table 1 of Sánchez-Banderas 2020 counts them."""
     states = node_states(model, state)
-    outer = np.isin(model.point_kind, (PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE))
+    first, second = model.fabric[model.node_yarn[model.point_nodes]].T
+    stitch = model.point_kind == PointKind.STITCH
+    seam = stitch & (first != second)
+    inner = (model.point_kind == PointKind.CROSSING) | (stitch & ~seam)
+    outer = np.isin(model.point_kind, (PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE)) | seam
     return dict(
         lagrangian=int(np.sum(states == NodeState.LAGRANGIAN)),
-        eol_intra=int(np.sum(state.active & np.isin(model.point_kind, (PointKind.CROSSING, PointKind.STITCH)))),
+        eol_intra=int(np.sum(state.active & inner)),
         eol_inter=int(np.sum(state.active & outer)),
         eil=int(np.sum((states == NodeState.EOL_EIL) | (states == NodeState.EIL_EIL))),
     )

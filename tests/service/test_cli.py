@@ -36,8 +36,8 @@ def test_help_is_light():
     assert not {"numpy", "numba", "scipy", "h5py", "viser", "rerun", "fastapi", "httpx", "pydantic"} & set(modules)
 
 
-@pytest.mark.parametrize("command", ["run", "serve", "submit", "jobs", "show", "cancel", "fetch", "view", "demo",
-                                     "validate", "bench", "schema", "scenes", "doctor"])
+@pytest.mark.parametrize("command", ["run", "serve", "submit", "jobs", "show", "cancel", "fetch", "view", "picture",
+                                     "demo", "validate", "bench", "schema", "scenes", "doctor"])
 def test_every_command_explains_itself(command):
     answer = strandline(command, "--help")
     assert answer.exit_code == 0 and "Usage" in answer.output

@@ -73,3 +73,42 @@ def write_job(directory: Path, frames: int, state: str = "succeeded") -> None:
     (directory / "job.json").write_text(json.dumps({"state": state}))
     for index in range(frames):
         write_frame(directory, frame(index))
+
+
+LARGE_SCENE = {
+    "strandline": 1,
+    "name": "two large cloths by formula",
+    "duration": 0.1,
+    "materials": {"thin": {"radius": 0.00028, "linear_density": 2e-4, "stretch_stiffness": 100.0}},
+    "fabrics": [
+        {"name": "lower", "material": "thin", "warps": 500, "wefts": 500, "spacing": 0.00058, "position": [0, 0, 0.001]},
+        {"name": "upper", "material": "thin", "warps": 387, "wefts": 387, "spacing": 0.00058, "position": [0, 0, 0.001],
+         "rotation": [0, 0, 5]},
+    ],
+    "contacts": [{"lower": "lower", "upper": "upper", "friction": 0.1}],
+}  # fmt: skip
+
+
+@cache
+def large() -> tuple[Built, YarnFrame]:
+    """Return two cloths as large as the largest of Sánchez-Banderas 2020, Table 1, that hang in folds from their middle.
+
+    Towards their border contacts between them have lost EoL nodes.
+    """
+    made = build(load_scene(LARGE_SCENE))
+    model, state = made.yarns, made.state.copy()
+    distance, angle = np.hypot(state.x[:, 0], state.x[:, 1]), np.arctan2(state.x[:, 1], state.x[:, 0])
+    state.x[:, 2] -= 5 * np.maximum(distance - 0.05, 0) ** 2 * (1 + 0.5 * np.cos(5 * angle))
+    first, second = model.point_nodes.T
+    contact = model.point_kind == PointKind.CONTACT
+    state.eil[first[contact & (distance > 0.12)]] = True
+    state.eil[second[contact & (distance > 0.14)]] = True
+    return made, YarnFrame(**observe.yarn_frame_arrays(model, state))
+
+
+def write_large_job(directory: Path) -> None:
+    """Make `directory` a job directory of one frame of the large cloths."""
+    directory.mkdir(parents=True)
+    (directory / "scene.json").write_text(json.dumps(LARGE_SCENE))
+    (directory / "job.json").write_text(json.dumps({"state": "succeeded"}))
+    write_frame(directory, Frame(0, 0.0, 0, large()[1], {}))

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.contact.obstacles import ObstacleKind, Obstacles, posed
 from engine.run.frames import YarnFrame
+from engine.yarns.handles import no_handles
 from engine.yarns.model import NodeState, PointKind
 from tests.viewer import synthetic
 from viewer import layers
@@ -64,7 +65,7 @@ def test_nodes_have_the_colour_of_their_state(yarns):
 
 def test_no_yarns_give_no_segments():
     empty = YarnFrame(
-        np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros(0), np.zeros(0), np.zeros(0, np.int64),
+        np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros(0), np.zeros(0, np.int32), np.zeros(0), np.zeros(0, np.int64),
         np.zeros((0, 3)), np.zeros(0, np.uint8), np.zeros(0, np.int64), np.zeros(0),
     )  # fmt: skip
     assert len(layers.yarn_segments(empty).points) == 0
@@ -73,7 +74,7 @@ def test_no_yarns_give_no_segments():
 
 def test_bounds_hold_yarns_and_near_obstacles_but_no_plane():
     frame, obstacles = synthetic.frame(0), synthetic.built().obstacles
-    low, high = layers.scene_bounds(frame, obstacles)
+    low, high = layers.scene_bounds(frame, posed(obstacles, no_handles(), 0.0))
     assert (low < frame.yarns.line_positions.min(axis=0)).all()
     assert (high > frame.yarns.line_positions.max(axis=0)).all()
     assert low[2] == pytest.approx(-0.04)
@@ -84,7 +85,7 @@ def test_bounds_leave_out_an_obstacle_much_larger_than_the_yarns():
     wall = Obstacles(
         np.array([ObstacleKind.BOX]), np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), 50.0), np.zeros(1)
     )
-    low, high = layers.scene_bounds(synthetic.frame(0), wall)
+    low, high = layers.scene_bounds(synthetic.frame(0), posed(wall, no_handles(), 0.0))
     assert (high - low).max() < 0.1
 
 
@@ -99,7 +100,7 @@ def test_yarns_of_a_crossing_lie_on_their_own_sides():
     """The upper yarn of every EoL crossing is drawn a diameter above the lower one, along the fabric's normal."""
     model, frame = synthetic.built().yarns, synthetic.frame(0).yarns
     lifts = yarn_lifts(synthetic.scene(), model)
-    drawn = lay_out(frame, model, lifts)
+    drawn = lay_out(frame, 60_000, model, lifts)
     nodes = model.point_nodes[frame.node_points]
     crossings = np.flatnonzero(
         (model.point_kind[frame.node_points] == PointKind.CROSSING) & (frame.node_states == NodeState.EOL))
@@ -121,7 +122,7 @@ def test_upper_fabrics_are_drawn_above_lower_ones():
 
 
 def test_drawn_curves_end_where_yarns_end_and_keep_their_count(yarns):
-    drawn = layout_of(synthetic.scene(), synthetic.built())(yarns)
+    drawn = layout_of(synthetic.scene(), synthetic.built())(yarns, 60_000)
     assert len(drawn.line_offsets) == len(yarns.line_offsets)
     assert drawn.line_offsets[-1] == len(drawn.line_positions) == len(drawn.line_strain)
     lengths, pieces = np.diff(yarns.line_offsets) - 1, np.diff(drawn.line_offsets) - 1
@@ -134,5 +135,5 @@ def test_drawn_curves_end_where_yarns_end_and_keep_their_count(yarns):
 
 def test_drawing_leaves_the_frame_alone():
     frame, again = synthetic.frame(3).yarns, synthetic.frame(3).yarns
-    layout_of(synthetic.scene(), synthetic.built())(frame)
+    layout_of(synthetic.scene(), synthetic.built())(frame, 60_000)
     assert all(np.array_equal(value, getattr(again, name)) for name, value in vars(frame).items())

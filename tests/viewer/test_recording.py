@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rerun.chunk import RrdReader
 
+from engine.scene.load import load_scene
 from tests.viewer import synthetic
 from viewer.recording import Recorder, recording_parts
 
@@ -73,7 +74,7 @@ def test_a_recording_holds_every_layer_of_every_frame(tmp_path):
     counted = rows(tmp_path / "recording.rrd")
     assert counted["/nodes/points"] == 4
     for entity in ("/cloth/yarns", "/nodes/lines"):
-        assert counted[entity] == 4 + 1, "and one row of colours and thickness, static"
+        assert counted[entity] == 4 + 1, "and one row of colours, static"
     for obstacle in range(3):
         assert counted[f"/obstacles/{obstacle}"] == 1
     for key in ("residual", "newton_iterations", "eil", "kinetic_energy"):
@@ -107,6 +108,19 @@ def test_a_run_from_the_start_records_anew(tmp_path):
     record(tmp_path, range(4))
     record(tmp_path, range(2))
     assert rows(tmp_path / "recording.rrd")["/nodes/points"] == 2
+
+
+def test_a_carried_obstacle_is_recorded_where_it_is(tmp_path):
+    ball, others = synthetic.SCENE["obstacles"][1] | {"handle": "lift"}, synthetic.SCENE["obstacles"][:1]
+    keyframes = [{"time": 0, "offset": [0, 0, 0]}, {"time": 1, "offset": [0, 0, 0.1]}]
+    scene = load_scene(synthetic.SCENE | {
+        "obstacles": [*others, ball], "script": {"handles": [{"name": "lift", "keyframes": keyframes}]}})
+    recorder = Recorder(scene, tmp_path)
+    for index in range(3):
+        recorder.log(synthetic.frame(index))
+    recorder.close()
+    counted = rows(tmp_path / "recording.rrd")
+    assert counted["/obstacles/0"] == 1 and counted["/obstacles/1"] == 1 + 3
 
 
 def test_a_full_disk_ends_the_recording_but_not_the_run(tmp_path):

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.contact.obstacles import ObstacleKind, Obstacles, posed
+from engine.yarns.handles import Handles
 from viewer.layers import Segments
-from viewer.shapes import box, cylinder, obstacle_mesh, sphere, tubes
+from viewer.shapes import box, cylinder, moves, obstacle_mesh, sphere, tubes
 
 
 def volume(shape) -> float:
@@ -52,6 +53,20 @@ def test_a_tilted_plane_is_drawn_in_itself_around_the_scene():
 def rotated(wxyz: np.ndarray, vector: np.ndarray) -> np.ndarray:
     w, v = wxyz[0], wxyz[1:]
     return vector + 2 * np.cross(v, np.cross(v, vector) + w * vector)
+
+
+def test_obstacles_are_drawn_where_they_have_moved():
+    turn = np.array([(0, -1, 0), (1, 0, 0), (0, 0, 1)], float)
+    kind = np.array([ObstacleKind.BOX, ObstacleKind.SPHERE])
+    obstacles = Obstacles(kind, np.array([(1.0, 2, 3), (0, 0, 0)]), np.stack([turn, np.eye(3)]), np.ones((2, 3)),
+                          np.zeros(2), np.array([0, -1]))
+    handles = Handles(np.array([0, 2]), np.array([0.0, 1.0]), np.array([(0.0, 0, 0), (0, 0, 4.0)]))
+    found = moves(obstacles, handles, 0.5)
+    assert set(found) == {0}
+    drawn = obstacle_mesh(obstacles, 0, np.zeros(3), np.ones(3)).vertices
+    shown = np.array([rotated(found[0].wxyz, vertex) for vertex in drawn]) + found[0].position
+    assert np.allclose(shown.mean(axis=0), posed(obstacles, handles, 0.5).centre[0], atol=1e-6)
+    assert moves(Obstacles(kind, *[np.zeros((2, 3))] * 3, np.zeros(2)), handles, 0.5) == {}
 
 
 def test_tubes_span_their_segments(seed: int = 3):

@@ -1,27 +1,33 @@
 """Contact with obstacles: forces in closed form, and how a step's end settles anchors and normal forces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from engine.contact import obstacles
-from engine.contact.obstacles import ObstacleKind
+from engine.contact.obstacles import ObstacleKind, Obstacles, motion, posed
+from engine.yarns.handles import Handles, no_handles
 
 DISTANCE, STIFFNESS, FRICTION = 0.1, 5.0, 0.4
-FLOOR = (np.array([ObstacleKind.PLANE]), np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)))  # kind, place, size
+FLOOR = Obstacles(np.array([ObstacleKind.PLANE]), np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.array([FRICTION]))
+STILL = motion(FLOOR, no_handles(), 0.0, 0.1)
 ONE_POINT = np.array([0])
 SLIPS = st.floats(-1.0, 1.0)
 
 
-def pushed(x, anchor=None, last_force=0.0, x0=None):
+def pushed(x, anchor=None, last_force=0.0, x0=None, moved=STILL):
     """Energy and force of the floor on one point."""
     x = np.array([x], float)
-    gradient = np.zeros((1, 5))
+    anchors = x.copy() if anchor is None else np.array([anchor], float)
+    normal, limit, gradient = np.zeros((1, 3)), np.zeros(1), np.zeros((1, 5))
+    obstacles.carry(ONE_POINT, moved.begin, moved.end, moved.friction, np.array([last_force]),
+                    x if x0 is None else np.array([x0], float), anchors, normal, limit)
     energy = obstacles.add_gradient(
-        ONE_POINT, *FLOOR, np.array([FRICTION]), np.array([DISTANCE]), np.array([STIFFNESS]),
-        x.copy() if anchor is None else np.array([anchor], float), np.array([last_force]),
-        x.copy() if x0 is None else np.array([x0], float), x, gradient)
+        ONE_POINT, moved.end, np.array([DISTANCE]), np.array([STIFFNESS]), anchors, normal, limit, x, gradient)
     return energy, -gradient[0, :3]
 
 
@@ -29,8 +35,8 @@ def settled(x, anchor, last_force):
     """Anchor, normal force and deepest penetration after a step that ended at x."""
     anchors, force = np.array([anchor], float), np.zeros(1)
     deepest = obstacles.settle(
-        ONE_POINT, *FLOOR, np.array([FRICTION]), np.array([DISTANCE]), np.array([STIFFNESS]),
-        np.array([x], float), anchors, force, np.array([last_force]))
+        ONE_POINT, STILL.end, np.array([DISTANCE]), np.array([STIFFNESS]), np.array([FRICTION * last_force]),
+        np.array([x], float), anchors, force)
     return anchors[0], force[0], deepest
 
 
@@ -74,3 +80,24 @@ def test_friction_stays_that_of_the_obstacle_at_the_start_of_the_step():
     """A step that reaches across an edge keeps the tangents with which it began, so that its potential is smooth."""
     _, beside = pushed([0.3, 0.0, 1.0], [0.0, 0.0, 1.0], 2.0, x0=[0.0, 0.0, 0.05])
     np.testing.assert_allclose(beside, [-FRICTION * 2.0, 0.0, 0.0], atol=1e-15)
+
+
+def test_obstacles_are_where_their_handles_carry_them():
+    two = Obstacles(np.array([ObstacleKind.SPHERE] * 2), np.array([[0.0, 0, 0], [5.0, 0, 0]]), np.stack([np.eye(3)] * 2),
+                    np.ones((2, 3)), np.zeros(2), np.array([0, -1]))
+    handles = Handles(np.array([0, 2]), np.array([0.0, 2.0]), np.array([[0.0, 0, 0], [0.0, 0, 4.0]]))
+    np.testing.assert_array_equal(posed(two, handles, 0.5).centre, [[0, 0, 1.0], [5.0, 0, 0]])
+    step = motion(two, handles, 0.5, 1.0)
+    np.testing.assert_array_equal([step.begin.centre[0, 2], step.end.centre[0, 2]], [1.0, 3.0])
+    np.testing.assert_array_equal(two.centre[0], 0.0)  # constants stay what they are
+
+
+@settings(deadline=None, max_examples=25)
+@given(turn=st.tuples(*[st.floats(-np.pi, np.pi)] * 3).map(Rotation.from_rotvec), shift=st.tuples(SLIPS, SLIPS, SLIPS))
+def test_whoever_moves_with_the_obstacle_feels_no_change(turn, shift):
+    """Anchor and normal go along with an obstacle that turns and shifts within the step."""
+    end = STILL.end._replace(centre=np.array([shift]), rotation=turn.as_matrix()[None])
+    before = pushed([0.2, 0.1, 0.05], [0.1, 0.1, 0.3], 1.0)
+    along = pushed(turn.apply([0.2, 0.1, 0.05]) + shift, [0.1, 0.1, 0.3], 1.0, [0.2, 0.1, 0.05], replace(STILL, end=end))
+    assert along[0] == pytest.approx(before[0], rel=1e-9)
+    np.testing.assert_allclose(along[1], turn.apply(before[1]), atol=1e-12)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from engine.linalg.block_matrix import BLOCK
 from engine.linalg.conjugate_gradient import conjugate_gradient
-from tests.engine.linalg.dense import blocked, chain, factors, grid, positive
+from tests.engine.linalg.dense import blocked, chain, dense, factors, grid, positive
 
 GRID = grid(4, 3)
 
@@ -56,6 +56,20 @@ def test_the_preconditioned_residual_falls_by_the_tolerance():
         residuals.append(np.linalg.norm(b.ravel() - full @ x.ravel()) / np.linalg.norm(b))
         assert residuals[-1] <= tolerance
     assert residuals == sorted(residuals, reverse=True)
+
+
+@pytest.mark.parametrize("floor", [1.0, 1e-3])
+def test_the_largest_component_of_the_residual_falls_to_the_floor(floor):
+    rng = np.random.default_rng(6)
+    pairs = grid(4, 150)  # rows for two chunks
+    full, b = positive(rng, 600, pairs), rng.normal(size=(600, BLOCK))
+    a, number = blocked(full, pairs)
+    by_row, x = np.empty_like(b), np.empty_like(b)
+    by_row[number] = b
+    iterations, _ = conjugate_gradient(a, by_row, x, Identity(), 1e-12, 1000, floor)
+    assert np.abs(by_row.ravel() - dense(a) @ x.ravel()).max() <= (1.0 + 1e-9) * floor
+    conjugate_gradient(a, by_row, x, Identity(), 1e-12, iterations - 1)
+    assert np.abs(by_row.ravel() - dense(a) @ x.ravel()).max() > floor  # one iteration less is too few
 
 
 def test_no_more_iterations_than_allowed():

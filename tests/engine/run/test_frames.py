@@ -21,6 +21,7 @@ def example_frame(index: int = 3) -> Frame:
     rng = np.random.default_rng(index)
     yarns = YarnFrame(
         line_positions=rng.normal(size=(7, 3)), line_offsets=np.array([0, 4, 7]), line_strain=rng.normal(size=7),
+        line_points=np.arange(7, dtype=np.int32),
         radius=np.array([1e-3, 2e-3]), fabric=np.array([-1, 0]), node_positions=rng.normal(size=(5, 3)),
         node_states=np.arange(5, dtype=np.uint8) % 4, node_points=np.arange(5), u=rng.normal(size=8),
     )

@@ -189,15 +189,30 @@ def test_eyelets_and_crossings_take_the_place_of_fixed_points():
     assert model.side[contact] == np.sign(np.cross([0, 1, 0], [1, 0, 0])[2])
 
 
+TETRAHEDRON = {"vertices": [[0, 0, 0], [3, 0, 0], [0, 3, 0], [0, 0, 3]],
+               "faces": [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]}
+
+
+def test_obstacles_know_who_carries_them():
+    handles = [{"name": name, "keyframes": [{"time": 0, "offset": [0, 0, 0]}]} for name in ("idle", "busy")]
+    parts = {"fabrics": [cloth()], "script": {"handles": handles}}
+    still, carried = {"shape": "plane"}, {"shape": "sphere", "radius": 2, "handle": "busy"}
+    assert built(**parts, obstacles=[still, carried]).obstacles.handle.tolist() == [-1, 1]
+    assert built(**parts, obstacles=[still]).obstacles.handle is None
+
+
 def test_obstacles_are_packed():
     made = built(fabrics=[cloth()], obstacles=[
         {"shape": "plane", "rotation": [90, 0, 0]}, {"shape": "box", "size": [1, 2, 3], "position": [1, 1, 1]},
         {"shape": "sphere", "radius": 2, "friction": 0}, {"shape": "cylinder", "radius": 1, "height": 4},
+        {"shape": "mesh", "position": [1, 0, 0], "rotation": [0, 0, 90], "resolution": 0.5, **TETRAHEDRON},
     ])
     assert made.obstacles.kind.tolist() == list(ObstacleKind)
-    np.testing.assert_allclose(made.obstacles.size, [[0, 0, 0], [0.5, 1, 1.5], [2, 0, 0], [1, 2, 0]])
+    np.testing.assert_allclose(made.obstacles.size[:4], [[0, 0, 0], [0.5, 1, 1.5], [2, 0, 0], [1, 2, 0]])
     np.testing.assert_allclose(made.obstacles.rotation[0][:, 2], [0, -1, 0], atol=1e-15)
-    assert made.obstacles.friction.tolist() == [0.5, 0.5, 0, 0.5]
+    assert made.obstacles.friction.tolist() == [0.5, 0.5, 0, 0.5, 0.5]
+    assert (made.obstacles.size[4] > 1.5).all()
+    np.testing.assert_allclose(made.obstacles.centre[4], [1 - 1.5, 1.5, 1.5])  # the middle, turned, and shifted
 
 
 def test_materials():
@@ -206,7 +221,9 @@ def test_materials():
     assert thick.density == pytest.approx(770 * area) and thick.stretch_stiffness == pytest.approx(5e5 * area)
     assert thick.bending_stiffness == pytest.approx(1e5 * np.pi * 2.25e-3**4 / 4)
     own = built(fabrics=[cloth(weft_material="m")],
-                materials={"m": {"radius": 1e-3, "linear_density": 2e-3, "stretch_stiffness": 3.0}}).yarns
+                materials={"m": {"radius": 1e-3, "linear_density": 2e-3, "stretch_stiffness": 3.0,
+                                 "shear_stiffness": 0.02}}).yarns
+    assert own.shear_stiffness[[3, 4]].tolist() == [0.0, 0.02]
     assert own.radius[[3, 4]].tolist() == [2.25e-3, 1e-3] and own.stretch_stiffness[4] == 3.0
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from engine.scene.build import estimate
 from engine.scene.load import SceneError, load_scene, shipped_scenes
 from engine.scene.schema import Scene
+from engine.scene.size import part_sizes
 from tests.engine.scene.scenes import cloth, rod, scene_of
 
 
@@ -46,6 +47,27 @@ def test_every_job_of_the_foundation_ships():
         "quickstart", "tablecloth-small-friction", "tablecloth-small-aligned", "tablecloth-small-angled",
         "friction-incline", "crossing-sliders", "chain-over-peg",
     }
+
+
+def test_every_woven_scene_ships_in_full_and_in_small():
+    woven = ["jeans-pocket", *(f"shirt-tag-{kind}" for kind in ("stretch-h", "stretch-v", "shear", "buckle"))]
+    assert set(shipped_scenes()) >= {
+        *woven, *(f"{name}-small" for name in woven), "friction-patches",
+        "tablecloth-friction", "tablecloth-aligned", "tablecloth-angled",
+    }
+
+
+@pytest.mark.parametrize("name, within, between", [
+    ("tablecloth-angled", 96_290, 132_200), ("jeans-pocket", 398_782, 245_024), ("shirt-tag-buckle", 68_810, 18_356),
+])
+def test_full_scenes_have_the_published_numbers_of_contacts(name, within, between):
+    """Sánchez-Banderas 2020, Table 1."""
+    points = {kind: sum(part.points for part in part_sizes(load_scene(shipped_scenes()[name])) if part.path.startswith(kind))
+              for kind in ("fabrics", "contacts", "obstacles")}
+    fabrics = load_scene(shipped_scenes()[name]).fabrics
+    ends = sum(2 * (fabric.warps + fabric.wefts) for fabric in fabrics)
+    assert points["fabrics"] - ends == pytest.approx(within, rel=0.02)
+    assert points["contacts"] + points["obstacles"] == pytest.approx(between, rel=0.02)
 
 
 def test_all_kinds_of_source_agree(tmp_path):
@@ -111,11 +133,47 @@ WRONG = {
         with_cloth() | {"materials": {"radius": {"radius": 1, "linear_density": 1, "stretch_stiffness": 1, "x": 1}}},
         "materials.radius.x", "unknown key", "youngs_modulus"),
     "unknown variant": (with_cloth() | {"obstacles": [{"shape": "bx"}]},
-                        "obstacles[0].shape", 'cannot be "bx"; did you mean box?', "plane, box, sphere, cylinder"),
+                        "obstacles[0].shape", 'cannot be "bx"; did you mean box?', "plane, box, sphere, cylinder, mesh"),
     "no variant": (with_cloth() | {"obstacles": [{}]}, "obstacles[0].shape", "is missing", "plane, box"),
     "missing": ({"strandline": 1, "name": "x", "fabrics": [cloth()]}, "duration", "is missing", "Simulated time [s]"),
     "another version": (with_cloth() | {"strandline": 2}, "strandline", "cannot be 2", "1"),
     "wrong type": (with_cloth(warps="4"), "fabrics[0].warps", 'cannot be "4"', "valid integer"),
+    "pair of one": (with_cloth(spacing=[0.1]), "fabrics[0].spacing[1]", "is missing", "a list with this entry"),
+    "pair of three": (with_cloth(spacing=[1, 1, 1]), "fabrics[0].spacing", "cannot be a list of 3", "at most 2"),
+    "pair with text": (with_cloth(spacing=[1, "1"]), "fabrics[0].spacing[1]", 'cannot be "1"', "valid number"),
+    "object for a number": (with_cloth(spacing={"a": 1}), "fabrics[0].spacing", "cannot be an object", "valid number"),
+    "spacing and count": (with_cloth(yarns_per_inch=44), "fabrics[0]", "its keys contradict",
+                          "exactly one of spacing and yarns_per_inch"),
+    "neither spacing nor count": (with_cloth(spacing=None), "fabrics[0]", "its keys contradict", "exactly one"),
+    "wefts twice": (with_cloth(weft_material="denim", weft_stripes=["denim"]), "fabrics[0]", "its keys contradict",
+                    "at most one of weft_material and weft_stripes"),
+    "unknown pattern": (with_cloth(pattern="twil"), "fabrics[0].pattern", 'cannot be "twil"', "'twill-2/1'"),
+    "pattern of twos": (with_cloth(pattern=[[0, 2]]), "fabrics[0].pattern[0][1]", "cannot be 2", "0 or 1"),
+    "pattern without rows": (with_cloth(pattern=[]), "fabrics[0].pattern", "cannot be a list of 0", "at least 1"),
+    "ragged pattern": (with_cloth(pattern=[[0, 1], [1]]), "fabrics[0].pattern[1]", "has 1 entries", "2, as the first"),
+    "unknown stripe": (with_cloth(warp_stripes=["denim", "denin"]), "fabrics[0].warp_stripes[1]",
+                       'there is no material "denin"; did you mean denim?', "cotton-thick"),
+    "outline of two points": (with_cloth(outline=[[0, 0], [1, 0]]), "fabrics[0].outline", "cannot be a list of 2",
+                              "at least 3"),
+    "outline across itself": (with_cloth(outline=[[0, 0], [1, 1], [1, 0], [0, 1]]), "fabrics[0].outline",
+                              "its sides from points 0 and 2 meet", "nowhere meets itself"),
+    "outline around nothing": (with_cloth(outline=[[1, 0], [2, 0], [2, 1]]), "fabrics[0].outline", "leaves no crossing",
+                               "one crossing at least"),
+    "outline on an endless grid": (
+        with_cloth(warps=100_000, wefts=100_000, outline=[[0, 0], [1, 0], [1, 1]]), "fabrics[0].outline",
+        "cuts grids of more than 8,000,000 crossings", "no larger than the outline"),
+    "hold of no edge": (with_cloth(holds=[{"edge": "up"}]), "fabrics[0].holds[0].edge", 'cannot be "up"', "'top'"),
+    "hold by no handle": (with_cloth(holds=[{"edge": "top", "handle": "h"}]), "fabrics[0].holds[0].handle",
+                          'there is no handle "h"', "none"),
+    "hold backwards": (with_cloth(holds=[{"edge": "top", "extent": [0.7, 0.2]}]), "fabrics[0].holds[0].extent",
+                       "ends before it begins", "smaller"),
+    "hold beyond the edge": (with_cloth(holds=[{"edge": "top", "extent": [0.7, 1.2]}]), "fabrics[0].holds[0].extent[1]",
+                             "cannot be 1.2", "less than or equal to 1"),
+    "hold of what stays": (with_cloth(kinematic=True, holds=[{"edge": "top"}]), "fabrics[0].holds",
+                           "hold a patch that stays", "kinematic"),
+    "seam of no edge": (
+        scene_of(fabrics=[cloth("a"), cloth("b")], contacts=[{"lower": "a", "upper": "b", "seams": [{}]}]),
+        "contacts[0].seams[0].edge", "is missing", ""),
     "number as text": (with_cloth(spacing="1"), "fabrics[0].spacing", 'cannot be "1"', "valid number"),
     "truth as number": (with_cloth(spacing=True), "fabrics[0].spacing", "cannot be true", "valid number"),
     "object for a list": (scene_of(fabrics={}), "fabrics", "cannot be an object", "list"),
@@ -136,6 +194,13 @@ WRONG = {
     "enumeration": (with_cloth(pins="corner"), "fabrics[0].pins", 'cannot be "corner"', "'none', 'corners' or 'edges'"),
     "name with a blank": (with_cloth(name="a b"), "fabrics[0].name", 'cannot be "a b"', "match pattern"),
     "lone surrogate": (with_cloth() | {"name": "\ud800"}, "name", 'cannot be "\\ud800"', "Unicode"),
+    "unknown handle of an obstacle": (
+        with_cloth() | {"obstacles": [{"shape": "plane", "handle": "lift"}]}, "obstacles[0].handle",
+        'there is no handle "lift"', "none"),
+    "edges that are carried": (
+        with_cloth() | {"obstacles": [{"shape": "box", "size": [1, 1, 1], "edges": True, "handle": "lift"}],
+                        "script": {"handles": [{"name": "lift", "keyframes": [{"time": 0, "offset": [0, 0, 0]}]}]}},
+        "obstacles[0].handle", "carries a box with edges", "no handle"),
     "nothing to do": (scene_of(), "", "has nothing to simulate", "yarns or fabrics"),
     "same name": (scene_of(fabrics=[cloth(), cloth()]), "fabrics[1].name", "is the name of fabrics[0] too", "its own"),
     "unknown material": (with_cloth(material="coton-thick"), "fabrics[0].material",

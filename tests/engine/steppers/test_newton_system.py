@@ -1,5 +1,7 @@
 """Newton directions: condensing contacts leaves them as they are, and so does work in parts, on any number of threads."""
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from engine.yarns import contact
 from engine.yarns.model import PointKind
 from engine.yarns.settings import YarnSettings
 from tests.engine.linalg.dense import dense
-from tests.engine.yarns.stacks import Stack, perturbed, random_stack
+from tests.engine.yarns.stacks import Stack, perturbed, random_stack, some_collisions
 from tests.engine.yarns.terms import full_hessian, of_points
 
 ALL_IN_ONE = np.zeros(1, np.int64)  # part: none, and everything behind the last
@@ -26,7 +28,8 @@ def condensable(seed):
     state.eil[both] = True
     ends = model.node_point[np.column_stack([stack.chain.before[both], stack.chain.after[both]])]
     assert (model.free_directions[ends] == 0.0).all(axis=(2, 3)).any()
-    return stack, perturbed(stack, seed)
+    # other segments are now EoL, and may collide
+    return replace(stack, colliding=some_collisions(np.random.default_rng(seed), stack)), perturbed(stack, seed)
 
 
 def cloths():
@@ -67,7 +70,8 @@ def test_condensing_is_exact(convex, seed):
 def test_what_is_held_stays_where_contacts_beside_it_are_condensed():
     stack, (x, u) = condensable(0)
     potential = stack.potential()
-    direction, _ = NewtonSystem(potential, YarnSettings(), Stopwatch()).direction(x, u, potential.gradient(x, u)[1])
+    system, (_, gradient) = NewtonSystem(potential, YarnSettings(), Stopwatch()), potential.gradient(x, u)
+    direction, _ = system.direction(x, u, gradient, goal=0.0)
     held = direction - np.einsum("pij,pj->pi", potential.projector, direction)
     np.testing.assert_allclose(held, 0.0, atol=1e-14 * np.abs(direction).max())
 
@@ -117,7 +121,7 @@ def test_directions_are_the_same_to_the_bit_on_any_number_of_threads():
             potential = stack.potential(YarnSettings())
             system = NewtonSystem(potential, YarnSettings(), Stopwatch())
             energy, gradient = potential.gradient(x, u)
-            ends.append((energy, gradient.tobytes(), system.direction(x, u, gradient)[0].tobytes()))
+            ends.append((energy, gradient.tobytes(), system.direction(x, u, gradient, goal=0.0)[0].tobytes()))
     finally:
         numba.set_num_threads(now)
     assert ends[0] == ends[1]
@@ -128,7 +132,7 @@ def test_a_direction_descends_and_solves_the_system_to_its_tolerance():
     potential = stack.potential(YarnSettings())
     _, gradient = potential.gradient(x, u)
     system = NewtonSystem(potential, YarnSettings(linear_tolerance=1e-9), Stopwatch())
-    direction, iterations = system.direction(x, u, gradient)
+    direction, iterations = system.direction(x, u, gradient, goal=0.0)
     assert iterations > 0 and np.sum(gradient * direction) < 0.0
     left = [full_hessian(potential, x, u, convex) @ direction.ravel() + gradient.ravel() for convex in (False, True)]
     assert min(np.linalg.norm(rest) for rest in left) <= 1e-5 * np.linalg.norm(gradient)

@@ -107,6 +107,16 @@ def test_constrained_points_stay_where_they_are_held():
     assert np.abs(edge).max() > 1e-5 and np.abs(state.u - start.u).max() > 1e-5
 
 
+def test_a_turning_handle_carries_what_it_holds_around_its_pivot():
+    model, state, handles = held_rod()
+    pivot = np.array([[0.0, 0.0, -0.1]])
+    turning = replace(handles, angles=np.array([[0.0, 0.0, 0.0], [0.0, 30.0, 0.0]]), pivot=pivot)
+    steps(alone(model, YarnSettings(), handles=turning), state, 5)
+    half_way = np.radians(15.0)
+    arm, offset = 0.1 * np.array([np.sin(half_way), 0.0, np.cos(half_way)]), [0.01, 0.0, 0.005]
+    np.testing.assert_allclose(state.x[model.handle == 0], pivot + arm + offset, atol=1e-15)
+
+
 def test_a_rejected_step_leaves_no_trace():
     model, state, handles = held_rod()
     steps(alone(model, YarnSettings(), handles=handles), state, 3)
@@ -158,6 +168,27 @@ def test_a_yarn_comes_to_rest_on_a_floor():
     report = steps(stepper, state, 100, h=0.1)[-1]
     assert np.sum(state.obstacle_force) == pytest.approx(MATERIAL.density * 2.0, rel=1e-4)
     assert report.penetration == 0.0 and (state.x[:, 2] < MATERIAL.radius).all()
+
+
+def test_a_moving_floor_drags_a_rod_along():
+    """It slides with mu g until it is as fast as the floor, and then goes along."""
+    friction, speed, weight, h = 0.5, 1.0, 1.0, 0.05
+    model, state = straight_yarn([0.0, 0.5, 1.0, 1.5, 2.0], mass_damping=0.0)
+    depth = MATERIAL.density * 0.5 * weight / (100.0 * MATERIAL.stretch_stiffness / 0.5)
+    state.x[:, 2] = MATERIAL.radius - depth * np.array([0.5, 1.0, 1.0, 1.0, 0.5])
+    floor = Obstacles(np.array([ObstacleKind.PLANE], np.int64), np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)),
+                      np.array([friction]), np.array([0]))
+    handles = Handles(np.array([0, 2]), np.array([0.0, 10.0]), np.array([[0.0, 0, 0], [10.0 * speed, 0, 0]]))
+    stepper = alone(model, replace(EXACT, tolerance=1e-9, obstacle_factor=100.0), -weight * UP, floor, handles)
+    speeds = []
+    for n in range(60):
+        assert stepper.step(state, n * h, h).accepted
+        speeds.append(observe.momentum(model, state)[0] / (MATERIAL.density * 2.0))
+    time = h * np.arange(1, 61)
+    sliding = time < 0.9 * speed / (friction * weight)
+    # the first step knows no normal force yet, and feels no friction
+    np.testing.assert_allclose(np.diff(speeds)[sliding[1:]], friction * weight * h, rtol=0.02)
+    np.testing.assert_allclose(np.array(speeds)[time > 1.2 * speed / (friction * weight)], speed, rtol=0.02)
 
 
 def test_a_rod_presses_with_its_tension_and_half_its_weight():

@@ -9,7 +9,7 @@ def measured(case: str) -> dict:
     return run([case], quick=True)["cases"][0]
 
 
-@pytest.mark.parametrize("case", ["eol-catenary", "eol-peg", "eol-capstan", "eol-transition"])
+@pytest.mark.parametrize("case", ["eol-catenary", "eol-peg", "eol-capstan", "eol-transition", "yarn-collision"])
 def test_a_rod_is_at_its_bar(case):
     entry = measured(case)
     assert entry["status"] == "pass", entry["note"]

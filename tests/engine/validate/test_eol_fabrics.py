@@ -27,6 +27,13 @@ def test_the_measure_of_acceleration_tells_coefficients_apart():
     assert abs(gain - at_half) < 0.1 * abs(gain - at_one)
 
 
+def test_on_the_diagonal_two_independent_laws_hold_what_slides_by_coulombs():
+    steep = 50.0
+    speed = {law: eol_fabrics.slide(1.0, steep, eol_fabrics.DIAGONAL, 2e-3, law)[1] for law in ("isotropic", "box")}
+    assert speed["isotropic"][-1] - speed["isotropic"][len(speed["isotropic"]) // 2] > 1e-2
+    assert abs(speed["box"][-1]) < 1e-4
+
+
 def test_without_eil_nodes_rods_do_not_pass():
     run = eol_cross.draw(np.random.default_rng(3), 1e-3)
     over, strayed = eol_cross.excess(run)

@@ -3,13 +3,17 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from engine.arrays import Floats, Ints
-from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.contact.collisions import CollisionPairs
+from engine.contact.obstacles import ObstacleKind, Obstacles, motion
+from engine.contact.surface import Surface, packed, sampled
 from engine.linalg.block_matrix import BLOCK
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
+from engine.yarns.handles import no_handles
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, chain_of, standing
@@ -32,6 +36,7 @@ class Stack:
     state: YarnState
     obstacles: Obstacles
     gravity: Floats
+    colliding: CollisionPairs | None = None
 
     @property
     def chain(self) -> Chain:
@@ -40,7 +45,9 @@ class Stack:
 
     def potential(self, settings: YarnSettings = SETTINGS) -> IncrementalPotential:
         """The incremental potential of a step from here."""
-        return IncrementalPotential(self.model, settings, self.gravity, self.obstacles, self.state, self.chain, H)
+        obstacles = motion(self.obstacles, no_handles(), 0.0, H)
+        return IncrementalPotential(self.model, settings, self.gravity, obstacles, self.state, self.chain, H,
+                                    self.colliding)
 
 
 def random_stack(seed: int, **material: float) -> Stack:
@@ -50,13 +57,15 @@ def random_stack(seed: int, **material: float) -> Stack:
     """
     yarns = YarnAssembly()
     material = replace(MATERIAL, **material)
-    _add_weaves(yarns, material, near=0.2)
+    # so thick and close that neighbours touch
+    _add_weaves(yarns, replace(material, radius=2.0 * material.radius), near=0.2, spacing=0.7)
     _add_rods(yarns, material)
     model, state = yarns.build()
     rng = np.random.default_rng(seed)
     _stir(rng, model, state)
     state.eil = (standing(model) < 2) & (model.kinematic[model.node_yarn] | (rng.random(model.node_count) < 0.5))
-    return Stack(model, state, some_obstacles(), GRAVITY)
+    stack = Stack(model, state, some_obstacles(), GRAVITY)
+    return replace(stack, colliding=some_collisions(rng, stack))
 
 
 def free_weaves(seed: int, **material: float) -> Stack:
@@ -86,7 +95,7 @@ def moved(stack: Stack, rotation: Rotation, shift: Floats) -> Stack:
     return Stack(
         replace(model, free_directions=turn @ model.free_directions @ turn.T), state,
         replace(obstacles, centre=obstacles.centre @ turn.T + shift, rotation=turn @ obstacles.rotation),
-        turn @ stack.gravity)
+        turn @ stack.gravity, stack.colliding)
 
 
 def straight_yarn(
@@ -107,12 +116,31 @@ def straight_yarn(
 
 def some_obstacles() -> Obstacles:
     """Return one obstacle of each kind; the plane reaches all points, each of the others a few."""
+    ball = trimesh.creation.icosphere(2, 0.3)
+    mesh = sampled(Surface(np.array(ball.vertices), np.array(ball.faces, np.int64)), 0.05, 0.2)
+    angles = [[3, -2, 0], [2, 3, 20], [0, 0, 0], [5, 3, 0], [30, -20, 10]]
     return Obstacles(
-        kind=np.array([ObstacleKind.PLANE, ObstacleKind.BOX, ObstacleKind.SPHERE, ObstacleKind.CYLINDER], np.int64),
-        centre=np.array([[0.0, 0, -0.15], [1.0, 1.0, -0.35], [0.0, 0.0, -0.3], [1.1, 0.1, -0.25]]),
-        rotation=Rotation.from_euler("xyz", [[3, -2, 0], [2, 3, 20], [0, 0, 0], [5, 3, 0]], degrees=True).as_matrix(),
-        size=np.array([[0.0, 0, 0], [0.2, 0.25, 0.3], [0.25, 0, 0], [0.3, 0.2, 0]]),
-        friction=np.array([0.4, 0.5, 0.3, 0.2]))
+        kind=np.array(list(ObstacleKind), np.int64),
+        centre=np.array([[0.0, 0, -0.15], [1.0, 1.0, -0.35], [0.0, 0.0, -0.3], [1.1, 0.1, -0.25], [0.1, 1.0, -0.3]]),
+        rotation=Rotation.from_euler("xyz", angles, degrees=True).as_matrix(),
+        size=np.array([[0.0, 0, 0], [0.2, 0.25, 0.3], [0.25, 0, 0], [0.3, 0.2, 0], mesh.size]),
+        friction=np.array([0.4, 0.5, 0.3, 0.2, 0.3]),
+        surfaces=packed([None, None, None, None, mesh]))
+
+
+def some_collisions(rng, stack: Stack) -> CollisionPairs:
+    """Return pairs of spheres on EoL segments that have no point in common; half of them touch."""
+    at, chain = stack.model.node_point, stack.chain
+    first = chain.node[chain.after[chain.node] >= 0]
+    segments = at[np.column_stack([first, chain.after[first]])]
+    chosen = np.array([rng.choice(len(segments), 2, replace=False) for _ in range(60)])
+    point = segments[chosen].reshape(-1, 4)
+    point = point[[len(set(four)) == 4 for four in point.tolist()]]
+    s, t = rng.uniform(0.0, 1.0, (2, len(point)))
+    weight = np.column_stack([1.0 - s, s, t - 1.0, -t])
+    distance = np.linalg.norm(np.einsum("ca,cak->ck", weight, stack.state.x[point]), axis=1)
+    rest = distance * np.where(np.arange(len(point)) % 2, 1.4, 0.7)
+    return CollisionPairs(point, weight, rest, rng.uniform(0.5, 2.0, len(point)))
 
 
 def unknowns(model: YarnModel, x: Floats, u: Floats) -> Floats:
@@ -134,17 +162,13 @@ def positions_of(model: YarnModel, *nodes: int) -> Ints:
         BLOCK * model.node_point[n] + np.array([0, 1, 2, 3 + model.node_slot[n]], np.int64) for n in nodes])
 
 
-def _add_weaves(yarns, material, near, pinned=True):
-    """Add two weaves of four yarns; those of the second lie `near` and far from those of the first that they follow.
-
-    The yarns are so thick that neighbours touch.
-    """
-    material = replace(material, radius=2.0 * material.radius)
+def _add_weaves(yarns, material, near, spacing=1.0, pinned=True):
+    """Add two weaves of four yarns; those of the second lie `near` and far from those of the first that they follow."""
     warp, weft = (
         [[yarns.yarn(material, 2.0, 1.0, fabric, obstacle_distance=0.25) for _ in range(2)] for fabric in range(2)]
         for _ in range(2))
     shift = np.array([[0.0, 0.0], [near, 0.35]])
-    y_of, x_of = 0.7 * np.arange(2) - shift, 0.7 * np.arange(2) + shift  # places of warps and wefts
+    y_of, x_of = spacing * np.arange(2) - shift, spacing * np.arange(2) + shift  # places of warps and wefts
     for fabric in range(2):
         for k in range(2):
             for end in (0.0, 2.0):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from engine.arrays import Floats
-from engine.geometry.signed_distance import signed_distance
+from engine.geometry.solids import distance_to
 from engine.linalg.block_matrix import BLOCK
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.layout import Layout
@@ -107,6 +107,10 @@ def without_obstacles(p):
     p.touching = NONE
 
 
+def without_collisions(p):
+    p.colliding = None
+
+
 def change_of_mass(p, x, u, full):
     """I = rho Du S / (6 h^2): the Hessian takes the mass rho Du of a segment as constant; S is of order h^4."""
     m = p.model
@@ -142,16 +146,16 @@ def buckling_across(p, x, u, full):
 
 def curvature_of_obstacles(p, x, u, full):
     """V = k depth^2 / 2, depth = distance - sdf: the Hessian is k (grad depth)^2, without the curvature of the sdf."""
-    o, step = p.obstacles, 1e-6
+    solids, step = p.obstacles.end, 1e-6
     before, behind = np.empty(3), np.empty(3)
     for point in p.touching:
-        for solid in zip(o.kind, o.centre, o.rotation, o.size, strict=True):
-            depth = p.obstacle_distance[point] - signed_distance(*solid, x[point], before)
+        for o in range(len(solids.kind)):
+            depth = p.obstacle_distance[point] - distance_to(solids, o, x[point], before)
             if depth > 0.0:
                 curvature = np.empty((3, 3))
                 for k, e in enumerate(np.eye(3)):
-                    signed_distance(*solid, x[point] - step * e, before)
-                    signed_distance(*solid, x[point] + step * e, behind)
+                    distance_to(solids, o, x[point] - step * e, before)
+                    distance_to(solids, o, x[point] + step * e, behind)
                     curvature[k] = (behind - before) / (2.0 * step)
                 at = BLOCK * point + np.arange(3)
                 full[np.ix_(at, at)] -= p.obstacle_stiffness[point] * depth * curvature
@@ -172,4 +176,5 @@ TERMS = [
     Term("friction", without_friction),
     Term("friction circle", without_friction_circle),
     Term("obstacles", without_obstacles, left_out=curvature_of_obstacles),
+    Term("collisions", without_collisions, internal=True),
 ]

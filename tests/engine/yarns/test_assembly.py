@@ -69,5 +69,20 @@ def test_handles_move_linearly_between_keyframes(time, offset):
     np.testing.assert_allclose(handles.offsets(time), [[offset, 2 * offset, 3 * offset], [7.0, 7.0, 7.0]])
 
 
+@settings(deadline=None)
+@given(st.tuples(*[st.floats(-360, 360)] * 3), st.integers(1, 7))
+def test_handles_turn_about_their_pivots_however_time_is_cut(angles, steps):
+    pivot, offset = np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]), np.array([[0.1, 0.2, 0.3], [1.0, 0.0, 0.0]])
+    still = np.zeros(3)
+    handles = Handles(np.array([0, 2, 4]), np.array([0.0, 1.0] * 2), np.array([still, offset[0], still, offset[1]]),
+                      np.array([still, angles, still, still]), pivot)
+    start, handle = np.random.default_rng(1).normal(size=(6, 3)), np.array([0, 0, 0, 0, 1, 1])
+    x = start
+    for k in range(steps):
+        x = handles.carry(x, handle, k / steps, 1 / steps)
+    turned = Rotation.from_euler("xyz", angles, degrees=True).apply(start - pivot[0]) + pivot[0]
+    np.testing.assert_allclose(x, np.where(handle[:, None] == 0, turned, start) + offset[handle], atol=1e-12)
+
+
 def test_no_handles_have_no_offsets():
     assert no_handles().offsets(0.0).shape == (0, 3)

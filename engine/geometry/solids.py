@@ -1,0 +1,31 @@
+"""Solids in the pose that they have at one time, packed for kernels."""
+
+from typing import NamedTuple
+
+from numba import njit
+
+from engine.arrays import Floats, Ints
+from engine.geometry.sampled_distance import sampled_distance
+from engine.geometry.signed_distance import signed_distance
+
+SAMPLED = 4  # kind of a solid given by samples of its distance; those before it are those of `signed_distance`
+
+
+class Solids(NamedTuple):
+    """K solids; `lattice` and `samples` are those of `sampled_distance`, of length 0 where nothing is sampled."""
+
+    kind: Ints  # [K]
+    centre: Floats  # [m], shape [K, 3]
+    rotation: Floats  # columns are the local axes in the world, shape [K, 3, 3]
+    size: Floats  # as `signed_distance` and `sampled_distance` take it [m], shape [K, 3]
+    lattice: Ints  # shape [K, 4]
+    samples: Floats  # [m], shape [sum of samples]
+
+
+@njit(cache=True)
+def distance_to(solids, o, x, normal):
+    """Return the distance of x [3] to solid o [m], negative inside, and write its gradient to `normal` [3]."""
+    if solids.kind[o] == SAMPLED:
+        return sampled_distance(solids.lattice[o], solids.samples, solids.centre[o], solids.rotation[o], solids.size[o], x,
+                                normal)
+    return signed_distance(solids.kind[o], solids.centre[o], solids.rotation[o], solids.size[o], x, normal)

@@ -1,0 +1,135 @@
+"""Obstacles given as meshes: read from files, checked, and sampled."""
+
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from engine.contact.surface import SampledSurface, Surface, sampled, samples_along
+from engine.scene.materials import known_materials
+from engine.scene.problems import Problem, SceneError, shown
+from engine.scene.schema import Mesh, Scene
+
+FILE_TYPES = ("stl", "obj", "ply", "glb")
+FILE_LIMIT = 64_000_000  # bytes
+FACE_LIMIT = 100_000  # of all meshes of a scene together, so that the scene with them in it can be read again
+SAMPLE_LIMIT = 4_000_000  # of the distance to one mesh
+DIVISIONS = 64  # of the longest side of a mesh, by default
+
+
+def read_mesh_files(document: Any, directory: Path | None) -> None:
+    """Replace `file` of every mesh in a scene's `document` by the vertices and faces in it.
+
+    Files are looked up in `directory`, that of the scene's own file, and nowhere else; a scene that comes from no file
+    has none (None), and its meshes are left as they are, for `mesh_problems` to refuse. Raises SceneError.
+    """
+    obstacles = document.get("obstacles")
+    for i, entry in enumerate(obstacles if isinstance(obstacles, list) else []):
+        if directory is None or not isinstance(entry, dict) or entry.get("shape") != "mesh":
+            continue
+        if isinstance(name := entry.get("file"), str) and not entry.get("vertices") and not entry.get("faces"):
+            surface = _read(f"obstacles[{i}].file", name, directory)
+            del entry["file"]
+            entry["vertices"], entry["faces"] = surface.vertices.tolist(), surface.faces.tolist()
+
+
+def mesh_problems(scene: Scene) -> Iterator[Problem]:
+    """Yield what is wrong with the meshes of a scene."""
+    reach = contact_reach(scene)
+    if sum(len(mesh.faces) for mesh in scene.obstacles if isinstance(mesh, Mesh)) > FACE_LIMIT:
+        yield Problem("obstacles", "their meshes have too many triangles", f"at most {FACE_LIMIT:,} in all")
+    for i, mesh in enumerate(scene.obstacles):
+        if not isinstance(mesh, Mesh):
+            continue
+        path = f"obstacles[{i}]"
+        if mesh.file is not None and (mesh.vertices or mesh.faces):
+            yield Problem(f"{path}.file", "stands beside vertices or faces", "one of both")
+        elif mesh.file is not None:
+            yield Problem(f"{path}.file", "is not read for a scene that does not come from a file itself: "
+                          "nobody may ask a service for files of its machine", "vertices and faces in the scene")
+        else:
+            yield from _surface_problems(path, mesh, reach)
+
+
+def contact_reach(scene: Scene) -> float:
+    """Return the largest distance at which an obstacle pushes anything in the scene [m]."""
+    known = known_materials(scene.materials)
+    yarns = [known[yarn.material].radius for yarn in scene.yarns]
+    fabrics = [
+        max(known[name].radius for name in (fabric.material, fabric.weft_material or fabric.material))
+        if fabric.obstacle_distance is None else fabric.obstacle_distance for fabric in scene.fabrics]
+    return max(yarns + fabrics)
+
+
+@lru_cache(maxsize=8)  # a job's simulation and its recorder ask for the same
+def sampled_mesh(mesh: Mesh, reach: float) -> SampledSurface:
+    """Return a mesh that has no problems, sampled so that contact at distances up to `reach` [m] is felt."""
+    surface = _surface(mesh)
+    return sampled(surface, mesh.resolution or _default_resolution(surface), reach)
+
+
+def _default_resolution(surface: Surface) -> float:
+    return float(surface.extent.max()) / DIVISIONS
+
+
+def _surface(mesh: Mesh) -> Surface:
+    """The surface with vertices at one place made one, triangles counter-clockwise from outside."""
+    import trimesh  # takes longer to import than all else that a scene without meshes needs
+
+    merged = trimesh.Trimesh(np.array(mesh.vertices, float), np.array(mesh.faces, np.int64), process=True)
+    faces = np.asarray(merged.faces, np.int64)
+    return Surface(np.asarray(merged.vertices, float), faces if merged.volume >= 0.0 else faces[:, ::-1])
+
+
+def _surface_problems(path: str, mesh: Mesh, reach: float) -> Iterator[Problem]:
+    if len(mesh.vertices) < 4 or len(mesh.faces) < 4:
+        yield Problem(path, "has no body", "a file, or at least four vertices and four faces")
+        return
+    if (largest := max(map(max, mesh.faces))) >= len(mesh.vertices):
+        yield Problem(f"{path}.faces", f"one has vertex {largest}", f"0 to {len(mesh.vertices) - 1}")
+        return
+    import trimesh
+
+    surface = _surface(mesh)
+    body = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+    extent = float(surface.extent.max())
+    if not (body.is_watertight and body.is_winding_consistent):
+        yield Problem(path, "is not watertight: its distance has no sign",
+                      "a closed surface, two triangles at every edge, all turned the same way")
+    elif not body.area_faces.min() > 1e-14 * extent**2 or not body.volume > 1e-9 * extent**3:
+        yield Problem(path, "has triangles without area, or no volume", "a body")
+    else:
+        spacing = mesh.resolution or _default_resolution(surface)
+        count = float(np.prod(samples_along(surface.extent, spacing, reach)))
+        if count > SAMPLE_LIMIT:
+            yield Problem(f"{path}.resolution", f"{spacing:.3g} m takes {count:.2g} samples of the distance",
+                          f"at most {SAMPLE_LIMIT:,}: a coarser resolution")
+
+
+def _read(path: str, name: str, directory: Path) -> Surface:
+    """Read a mesh; `path` is where the scene names it."""
+    kind = Path(name).suffix[1:].lower()
+    if kind not in FILE_TYPES:
+        raise SceneError([Problem(path, f"cannot be {shown(name)}", f"files that end in {', '.join(FILE_TYPES)}")])
+    base = directory.resolve()
+    place = (base / name).resolve()
+    if Path(name).is_absolute() or ".." in Path(name).parts or not place.is_relative_to(base):
+        raise SceneError([Problem(path, f"{shown(name)} is not beside the scene: a scene reads no other files",
+                                  "a path from the scene's own directory downwards, without ..")])
+    try:
+        if place.stat().st_size > FILE_LIMIT:
+            raise SceneError([Problem(path, f"{shown(name)} is too large", f"at most {FILE_LIMIT:,} bytes")])
+        with place.open("rb") as file:
+            import trimesh
+
+            # a file object leads to no other files, such as materials
+            found = trimesh.load_scene(file, file_type=kind).to_mesh()
+    except OSError as error:
+        raise SceneError([Problem(path, f"cannot be read from {shown(name)}: {error.strerror}")]) from None
+    except SceneError:
+        raise
+    except Exception as error:  # whatever a reader of a foreign format comes upon
+        raise SceneError([Problem(path, f"{shown(name)} cannot be read as {kind}: {type(error).__name__}")]) from None
+    return Surface(np.asarray(found.vertices, float), np.asarray(found.faces, np.int64))

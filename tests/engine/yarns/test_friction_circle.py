@@ -1,0 +1,73 @@
+"""Isotropic friction: its limit in every direction, anchors, and what it is for one yarn alone and for parallel ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from engine.yarns import friction, friction_circle
+from tests.engine.yarns.stacks import SETTINGS, random_stack
+
+POINT, NODES = np.array([0]), np.array([[0, 1]])
+PLACES = st.tuples(*[st.floats(-10.0, 10.0)] * 2).map(np.array)
+SLOPES = st.tuples(*[st.floats(-2.0, 2.0)] * 6).map(lambda n: np.array(n).reshape(2, 3))
+ACROSS = np.eye(3)[:2]
+
+
+def force(u, anchor, slope, spring, limit):
+    """What the law pulls with on both Eulerian coordinates."""
+    gradient = np.zeros((2, 4))
+    friction_circle.add_gradient(POINT, NODES, np.array([spring]), np.array([limit]), slope, anchor, u, gradient)
+    return gradient[:, 3]
+
+
+@settings(deadline=None)
+@given(u=PLACES, anchor=PLACES, slope=SLOPES, spring=st.floats(0.1, 10.0), limit=st.floats(0.0, 10.0))
+def test_the_force_of_dragged_anchors_is_that_of_the_step_within_the_limit(u, anchor, slope, spring, limit):
+    before, moved = force(u, anchor, slope, spring, limit), anchor.copy()
+    friction_circle.drag_anchors(POINT, NODES, np.array([spring]), np.array([limit]), slope, u, moved)
+    np.testing.assert_allclose(force(u, moved, slope, spring, limit), before, atol=1e-9)
+    slip = slope[0] * (u - moved)[0] - slope[1] * (u - moved)[1]
+    assert spring * np.linalg.norm(slip) <= limit * (1.0 + 1e-9) + 1e-12
+    if spring * np.linalg.norm(slope[0] * (u - anchor)[0] - slope[1] * (u - anchor)[1]) < limit:
+        np.testing.assert_array_equal(moved, anchor)  # what sticks does not creep
+
+
+@settings(deadline=None)
+@given(direction=st.floats(0.0, 2.0 * np.pi), angle=st.floats(0.2, 2.9))
+def test_yarns_that_slide_are_held_alike_in_every_direction(direction, angle):
+    slope = np.array([[1.0, 0.0, 0.0], [np.cos(angle), np.sin(angle), 0.0]])
+    wanted = np.array([np.cos(direction), np.sin(direction)])
+    u = np.linalg.solve(np.column_stack([slope[0], -slope[1]])[:2], 10.0 * wanted)
+    found = force(u, np.zeros(2), slope, spring=1.0, limit=0.7)
+    np.testing.assert_allclose(found, 0.7 * np.array([slope[0, :2] @ wanted, -slope[1, :2] @ wanted]), atol=1e-12)
+
+
+@settings(deadline=None)
+@given(u=st.floats(-10.0, 10.0), limit=st.floats(0.0, 5.0), axis=st.sampled_from([0, 1]))
+def test_sliding_along_one_of_two_yarns_is_the_law_of_that_yarn(u, limit, axis):
+    place, gradient = np.zeros(2), np.zeros((2, 4))
+    place[axis] = u
+    none = np.zeros(2)
+    friction.add_gradient(np.arange(2), np.full(2, 2.0), np.full(2, limit), none, none, none, place, gradient)
+    np.testing.assert_allclose(force(place, none, ACROSS, 2.0, limit), gradient[:, 3], atol=1e-12)
+
+
+def test_of_parallel_yarns_both_anchors_act_in_series():
+    along = np.array([[1.0, 0.0, 0.0]] * 2)
+    np.testing.assert_allclose(force(np.array([3.0, 1.0]), np.zeros(2), along, 1.0, 0.7), [0.7, -0.7])
+    np.testing.assert_allclose(force(np.array([3.0, 3.0]), np.zeros(2), along, 1.0, 0.7), 0.0)  # both go on together
+
+
+@pytest.mark.parametrize(("law", "some"), [("isotropic", True), ("box", False)])
+def test_the_law_is_chosen_for_points_on_which_two_yarns_slide(law, some):
+    stack = random_stack(0)
+    p = stack.potential(replace(SETTINGS, friction_law=law))
+    model = stack.model
+    assert (len(p.rubbing) > 0) == some
+    assert (model.point_nodes[p.rubbing] >= 0).all() and not model.u_fixed[model.point_nodes[p.rubbing]].any()
+    shared = np.sort(np.concatenate([p.sliding_alone, model.point_nodes[p.rubbing].ravel()]))
+    np.testing.assert_array_equal(shared, p.sliding)
+    np.testing.assert_allclose(np.linalg.norm(p.slope[model.point_nodes[p.rubbing]], axis=2) > 0.1, True)

@@ -1,0 +1,48 @@
+"""Still pictures, drawn by the Chromium that is installed."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from tests.viewer import synthetic
+from viewer import layers
+from viewer.picture import CannotDraw, View, _eye, _towards, draw
+from viewer.stage import Shown
+
+ALL = Shown(yarns=True, nodes=False, obstacles=True, paint="fabric")
+
+
+def test_a_frame_is_drawn_at_the_size_asked_for(tmp_path):
+    synthetic.write_job(tmp_path / "cloths", 2)
+    path = tmp_path / "picture.png"
+    assert draw(tmp_path / "cloths", -1, ALL, View(), (240, 160), path) == "shown all 350 segments"
+    drawn = np.asarray(Image.open(path).convert("RGB"), float)
+    assert drawn.shape == (160, 240, 3)
+    green = (drawn[..., 1] > 1.2 * drawn[..., 0]) & (drawn[..., 1] > 1.1 * drawn[..., 2])
+    assert green.mean() > 0.01, "the lower fabric"
+    assert (np.ptp(drawn, axis=2) < 24).mean() > 0.2, "obstacles and background are grey"
+
+
+def test_a_frame_that_is_not_there_is_an_error(tmp_path):
+    synthetic.write_job(tmp_path / "cloths", 2)
+    with pytest.raises(CannotDraw, match="2 frames, none with number 2"):
+        draw(tmp_path / "cloths", 2, ALL, View(), (240, 160), tmp_path / "picture.png")
+
+
+def test_without_chromium_there_is_no_picture(tmp_path, monkeypatch):
+    synthetic.write_job(tmp_path / "cloths", 1)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(CannotDraw, match="Chromium"):
+        draw(tmp_path / "cloths", 0, ALL, View(), (240, 160), tmp_path / "picture.png")
+
+
+@pytest.mark.parametrize(("azimuth", "elevation"), [(-46, 27), (0, 0), (200, 90), (90, -30)])
+def test_the_box_just_fits_into_the_picture(azimuth, elevation):
+    low, high, aspect = np.array((-1.0, 0, 2)), np.array((3.0, 1, 2.5)), 1.5
+    eye, target = _eye(low, high, View(azimuth, elevation), aspect)
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+    axes = Rotation.from_quat(_towards(target - eye), scalar_first=True).as_matrix().T
+    x, y, depth = axes @ (corners - eye).T
+    filled = np.maximum(np.abs(x) / aspect, np.abs(y)) / depth / np.tan(layers.FIELD_OF_VIEW / 2)
+    assert (depth > 0).all() and 0.85 < filled.max() < 1
