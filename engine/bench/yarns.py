@@ -31,7 +31,7 @@ WARM_UP = 10  # steps from rest that are not timed; they compile the kernels as 
 TIMED = 10  # steps
 SPACING = 5.6e-3
 STAGES = ("assign", "assemble", "factor", "solve", "line_search", "commit")
-ENTRY = 8  # bytes of a number
+ENTRY = 8  # bytes of an index, or of a number of a vector
 
 FIRST_FRAME = """
 import sys
@@ -129,8 +129,9 @@ def traffic(system: NewtonSystem) -> tuple[float, float]:
     Assembly clears and fills the matrix, factorisation reads its lower half and writes the factor. An iteration of
     conjugate gradients reads the matrix once and the factor twice, and passes over 14 vectors.
     """
-    block = BLOCK * BLOCK * ENTRY + ENTRY  # a block and its column
-    rows, blocks, lower = system.hessian.rows, len(system.hessian.column), len(system.order.column)
+    matrix = system.layout.matrix
+    block = BLOCK * BLOCK * matrix.block.itemsize + ENTRY  # a block and its column
+    rows, blocks, lower = matrix.rows, len(matrix.column), len(system.factor.lower)
     per_newton = 2 * blocks * block + 2 * (lower + rows) * block
     return per_newton, (blocks + 2 * (lower + rows)) * block + 14 * rows * BLOCK * ENTRY
 
@@ -155,11 +156,13 @@ def against_peer(crossings: int) -> Iterator[Measurement]:
     samples = []
     for _ in range(3):
         system.watch.laps.clear()
+        system.usable = None  # no factor is kept from the sample before
         direction, iterations = system.direction(x, u, gradient)
         samples.append(system.watch.laps["factor"] + system.watch.laps["solve"])
-    a = bsr_array((system.hessian.block, system.hessian.column, system.hessian.start))
-    b = -gradient.ravel()
-    residual = float(np.linalg.norm(b - a @ direction.ravel()) / np.linalg.norm(b))
+    matrix, point = system.layout.matrix, system.layout.point  # a patch has no contacts that would be condensed
+    a = bsr_array((matrix.block.astype(np.float64), matrix.column, matrix.start))  # the same numbers: the peer needs double
+    b = -gradient[point].ravel()
+    residual = float(np.linalg.norm(b - a @ direction[point].ravel()) / np.linalg.norm(b))
 
     peer_residuals: list[float] = []
 

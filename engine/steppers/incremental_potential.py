@@ -243,4 +243,5 @@ class IncrementalPotential:
             collisions.add_hessian(colliding.point, colliding.weight, colliding.rest, colliding.stiffness, x, convex,
                                    layout.row, a.start, a.column, a.block)
         constraints.project_hessian(self.constrained, self.projector, layout.point, a.start, a.column, a.diagonal, a.block)
+        constraints.project_coupling(layout.others, self.projector, layout.coupling)
         return positive

@@ -7,7 +7,7 @@ from engine.linalg.conjugate_gradient import conjugate_gradient
 from engine.linalg.incomplete_cholesky import factorise, incomplete_cholesky
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.step_report import Stopwatch
-from engine.yarns import contact
+from engine.yarns import constraints, contact
 from engine.yarns.settings import YarnSettings
 
 STALE = 2  # times as many iterations as with a fresh factor end the use of an old one
@@ -71,5 +71,7 @@ class NewtonSystem:
         direction[layout.point] = solution
         contact.expand(layout.condensed_points, layout.condensed, layout.others, layout.inverse, layout.coupling, load,
                        direction)
+        # single precision leaves a trace of what S cancels where its directions are oblique, and steps would add these up
+        constraints.project_gradient(self.potential.constrained_points, self.potential.projector, direction)
         self.watch.lap("solve")
         return direction, iterations, positive

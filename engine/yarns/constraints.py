@@ -46,7 +46,7 @@ def gather(node_point, node_slot, of_node, of_point):
 
 @njit(cache=True)
 def project_gradient(points, s, gradient):
-    """Apply S to the gradient of the constrained `points`, in place."""
+    """Apply S to a gradient or a direction [P, 5] at the constrained `points`, in place."""
     g = np.empty(BLOCK)
     for p in points:
         g[:] = gradient[p]
@@ -74,6 +74,20 @@ def project_hessian(constrained, s, point, start, column, diagonal, block):
                 for c in range(BLOCK):
                     identity = 1.0 if r == c else 0.0
                     own[r, c] += max(scale, 1e-30) * (identity - s[p, r, c])
+
+
+@njit(cache=True)
+def project_coupling(others, s, coupling):
+    """Apply S to the coupling [C, 2, 4, 5] of eliminated unknowns to the points `others` [C, 4], in place."""
+    row = np.empty(BLOCK)
+    for e in range(len(others)):
+        for r in range(2):
+            for q in range(others.shape[1]):
+                row[:] = coupling[e, r, q]
+                for c in range(BLOCK):
+                    coupling[e, r, q, c] = 0.0
+                    for m in range(BLOCK):
+                        coupling[e, r, q, c] += row[m] * s[others[e, q], m, c]
 
 
 @njit(cache=True)

@@ -41,8 +41,10 @@ def test_traffic_is_that_of_the_matrix():
     steps = bench.Steps(bench.hung_by_two_corners(36))
     system, _ = steps.system()
     per_newton, per_linear = bench.traffic(system)
-    assert per_newton > 2 * system.hessian.block.nbytes
-    assert per_linear > 1.5 * system.hessian.block.nbytes
+    values = system.layout.matrix.block
+    assert values.itemsize == 4
+    assert per_newton > 2 * values.nbytes
+    assert per_linear > 1.5 * values.nbytes
 
 
 def test_the_peer_solves_the_same_system():

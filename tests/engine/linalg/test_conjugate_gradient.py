@@ -1,5 +1,6 @@
 """Preconditioned conjugate gradients against dense solves."""
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,9 +8,9 @@ from hypothesis import strategies as st
 
 from engine.linalg.block_matrix import BLOCK
 from engine.linalg.conjugate_gradient import conjugate_gradient
-from tests.engine.linalg.dense import blocked, chain, factors, positive
+from tests.engine.linalg.dense import blocked, chain, factors, grid, positive
 
-GRID = [(i, i + 1) for i in range(11) if i % 4 != 3] + [(i, i + 4) for i in range(8)]  # 3 x 4 points
+GRID = grid(4, 3)
 
 
 class Identity:
@@ -20,9 +21,11 @@ class Identity:
 
 
 def solved(full, b, pairs, preconditioner=None, tolerance=1e-12, most=1000):
-    a = blocked(full, pairs)
-    x = np.full_like(b, np.nan)
-    return x, *conjugate_gradient(a, b, x, preconditioner or factors(a), tolerance, most)
+    a, number = blocked(full, pairs)
+    by_row, x = np.empty_like(b), np.full_like(b, np.nan)
+    by_row[number] = b
+    iterations, is_positive = conjugate_gradient(a, by_row, x, preconditioner or factors(a), tolerance, most)
+    return x[number], iterations, is_positive
 
 
 @settings(deadline=None, max_examples=30)
@@ -80,3 +83,33 @@ def test_the_same_to_the_bit_when_repeated():
     rng = np.random.default_rng(3)
     full, b = positive(rng, 12, GRID), rng.normal(size=(12, BLOCK))
     np.testing.assert_array_equal(solved(full, b, GRID)[0], solved(full, b, GRID)[0])
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_same_to_the_bit_on_any_number_of_threads(threads):
+    if threads > numba.config.NUMBA_NUM_THREADS:
+        pytest.skip("no second thread")
+    rng = np.random.default_rng(4)
+    pairs = grid(4, 150)  # rows for two chunks of the sums, and for several strips
+    full, b = positive(rng, 600, pairs), rng.normal(size=(600, BLOCK))
+    now = numba.get_num_threads()
+    numba.set_num_threads(threads)
+    try:
+        x, iterations, _ = solved(full, b, pairs)
+    finally:
+        numba.set_num_threads(now)
+    one, same, _ = solved(full, b, pairs)
+    np.testing.assert_array_equal(x, one)
+    assert iterations == same
+
+
+def test_a_matrix_and_factors_in_single_precision_solve_to_its_precision():
+    rng = np.random.default_rng(5)
+    pairs = grid(4, 80)
+    full, b = positive(rng, 320, pairs), rng.normal(size=(320, BLOCK))
+    a, number = blocked(full, pairs, np.float32)
+    by_row, x = np.empty_like(b), np.empty_like(b)
+    by_row[number] = b
+    assert conjugate_gradient(a, by_row, x, factors(a), 1e-10, 1000)[1]
+    wanted = np.linalg.solve(full, b.ravel())
+    assert np.linalg.norm(x[number].ravel() - wanted) <= 1e-5 * np.linalg.norm(wanted)

@@ -13,6 +13,7 @@ from engine.arrays import Floats
 from engine.geometry.solids import distance_to
 from engine.linalg.block_matrix import BLOCK
 from engine.steppers.incremental_potential import IncrementalPotential
+from engine.steppers.layout import Layout
 from engine.yarns.topology import Chain
 from tests.engine.linalg.dense import dense
 from tests.engine.yarns.stacks import positions_of
@@ -47,10 +48,18 @@ def alone(term: Term, potential: IncrementalPotential) -> IncrementalPotential:
 
 
 def full_hessian(potential: IncrementalPotential, x: Floats, u: Floats, convex: bool) -> Floats:
-    """Return the Hessian as a full matrix."""
-    matrix = potential.pattern()
-    potential.hessian(x, u, convex, matrix)
-    return dense(matrix)
+    """Return the Hessian as a full matrix in the unknowns of all points; removed ones have none."""
+    layout = potential.lay_out(np.float64, condense=False)
+    potential.hessian(x, u, convex, layout)
+    return of_points(layout)
+
+
+def of_points(layout: Layout) -> Floats:
+    """Return the matrix of a layout in full, in the order of the points, shape [5 P, 5 P]; zero for those without a row."""
+    full = np.zeros((BLOCK * len(layout.row),) * 2)
+    at = (BLOCK * layout.point[:, None] + np.arange(BLOCK)).ravel()
+    full[np.ix_(at, at)] = dense(layout.matrix)
+    return full
 
 
 def left_out_of_hessian(term: Term, potential: IncrementalPotential, x: Floats, u: Floats) -> Floats:

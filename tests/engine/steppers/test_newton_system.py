@@ -1,0 +1,134 @@
+"""Newton directions: condensing contacts leaves them as they are, and so does work in parts, on any number of threads."""
+
+import numba
+import numpy as np
+import pytest
+
+from engine.bench.yarns import stacked
+from engine.linalg.block_matrix import BLOCK
+from engine.steppers.newton_system import NewtonSystem
+from engine.steppers.step_report import Stopwatch
+from engine.yarns import contact
+from engine.yarns.model import PointKind
+from engine.yarns.settings import YarnSettings
+from tests.engine.linalg.dense import dense
+from tests.engine.yarns.stacks import Stack, perturbed, random_stack
+from tests.engine.yarns.terms import full_hessian, of_points
+
+ALL_IN_ONE = np.zeros(1, np.int64)  # part: none, and everything behind the last
+
+
+def condensable(seed):
+    """A stack in which both nodes of every contact are EIL, also of one between pinned ends; and a place."""
+    stack = random_stack(seed)
+    model, state = stack.model, stack.state
+    both = model.point_nodes[model.point_kind == PointKind.CONTACT]
+    state.eil[both] = True
+    ends = model.node_point[np.column_stack([stack.chain.before[both], stack.chain.after[both]])]
+    assert (model.free_directions[ends] == 0.0).all(axis=(2, 3)).any()
+    return stack, perturbed(stack, seed)
+
+
+def cloths():
+    """Two cloths on each other that have several strips, with the place that they would come to in a step."""
+    built = stacked(800)
+    model, state = built.yarns, built.state
+    rng, spacing = np.random.default_rng(0), model.rest_segment.min()
+    x = state.x + 0.02 * spacing * rng.normal(size=state.x.shape)
+    u = state.u + 0.02 * spacing * ~model.u_fixed * rng.uniform(-1.0, 1.0, len(state.u))
+    return Stack(model, state, built.obstacles, built.gravity), x, u
+
+
+def direction_of_condensed(potential, x, u, convex, load):
+    """The Newton direction by way of the condensed system, and how many points are condensed in it."""
+    layout = potential.lay_out(np.float64)
+    assert potential.hessian(x, u, convex, layout)
+    reduced = load[layout.point]
+    contact.condense_load(layout.condensed_points, layout.condensed, layout.others, layout.row, layout.inverse,
+                          layout.coupling, load, reduced)
+    found = np.zeros_like(load)
+    found[layout.point] = np.linalg.solve(dense(layout.matrix), reduced.ravel()).reshape(-1, BLOCK)
+    contact.expand(layout.condensed_points, layout.condensed, layout.others, layout.inverse, layout.coupling, load, found)
+    return found, len(layout.condensed_points)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("convex", [False, True], ids=["true", "convex"])
+def test_condensing_is_exact(convex, seed):
+    stack, (x, u) = condensable(seed)
+    potential = stack.potential()
+    load = -potential.gradient(x, u)[1]
+    wanted = np.linalg.solve(full_hessian(potential, x, u, convex), load.ravel()).reshape(load.shape)
+    found, condensed = direction_of_condensed(potential, x, u, convex, load)
+    assert condensed == np.count_nonzero(stack.model.point_kind == PointKind.CONTACT)
+    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_what_is_held_stays_where_contacts_beside_it_are_condensed():
+    stack, (x, u) = condensable(0)
+    potential = stack.potential()
+    direction, _ = NewtonSystem(potential, YarnSettings(), Stopwatch()).direction(x, u, potential.gradient(x, u)[1])
+    held = direction - np.einsum("pij,pj->pi", potential.projector, direction)
+    np.testing.assert_allclose(held, 0.0, atol=1e-14 * np.abs(direction).max())
+
+
+def test_work_in_parts_is_that_on_one_list():
+    stack, x, u = cloths()
+    potential = stack.potential(YarnSettings())
+    energy, gradient = potential.gradient(x, u)
+    layout = potential.lay_out(np.float64)
+    for part, points in ((potential.parts, potential.split), (potential.sheared_parts, potential.sheared)):
+        assert len(part) > 2 and 0 < part[-1] < len(points)  # within strips, and across
+    energy_in_parts, in_parts = potential.gradient(x, u)
+    assert energy_in_parts == pytest.approx(energy, rel=1e-12)
+    np.testing.assert_allclose(in_parts, gradient, rtol=0.0, atol=1e-12 * np.abs(gradient).max())
+    for convex in (False, True):
+        found = []
+        potential.hessian(x, u, convex, layout)
+        found.append([of_points(layout), layout.inverse.copy(), layout.coupling.copy()])
+        parts = potential.parts, potential.sheared_parts
+        potential.parts = potential.sheared_parts = ALL_IN_ONE
+        potential.hessian(x, u, convex, layout)
+        found.append([of_points(layout), layout.inverse.copy(), layout.coupling.copy()])
+        potential.parts, potential.sheared_parts = parts
+        for in_parts, at_once in zip(*found, strict=True):
+            np.testing.assert_allclose(in_parts, at_once, rtol=0.0, atol=1e-12 * np.abs(at_once).max())
+
+
+def test_parts_share_no_points_that_have_rows():
+    stack, _, _ = cloths()
+    potential = stack.potential(YarnSettings())
+    layout = potential.lay_out()
+    members, part = potential._members(), potential.parts
+    owner = np.full(len(layout.row), -1)
+    for s in range(len(part) - 1):
+        of_part = np.unique(members[part[s] : part[s + 1]])
+        assert (owner[of_part] == -1).all()
+        owner[of_part] = s
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="no second thread")
+def test_directions_are_the_same_to_the_bit_on_any_number_of_threads():
+    ends, now = [], numba.get_num_threads()
+    try:
+        for threads in (1, 2):
+            numba.set_num_threads(threads)
+            stack, x, u = cloths()
+            potential = stack.potential(YarnSettings())
+            system = NewtonSystem(potential, YarnSettings(), Stopwatch())
+            energy, gradient = potential.gradient(x, u)
+            ends.append((energy, gradient.tobytes(), system.direction(x, u, gradient)[0].tobytes()))
+    finally:
+        numba.set_num_threads(now)
+    assert ends[0] == ends[1]
+
+
+def test_a_direction_descends_and_solves_the_system_to_its_tolerance():
+    stack, x, u = cloths()
+    potential = stack.potential(YarnSettings())
+    _, gradient = potential.gradient(x, u)
+    system = NewtonSystem(potential, YarnSettings(linear_tolerance=1e-9), Stopwatch())
+    direction, iterations = system.direction(x, u, gradient)
+    assert iterations > 0 and np.sum(gradient * direction) < 0.0
+    left = [full_hessian(potential, x, u, convex) @ direction.ravel() + gradient.ravel() for convex in (False, True)]
+    assert min(np.linalg.norm(rest) for rest in left) <= 1e-5 * np.linalg.norm(gradient)
