@@ -80,7 +80,9 @@ def _surface(mesh: Mesh) -> Surface:
 
     merged = trimesh.Trimesh(np.array(mesh.vertices, float), np.array(mesh.faces, np.int64), process=True)
     faces = np.asarray(merged.faces, np.int64)
-    return Surface(np.asarray(merged.vertices, float), faces if merged.volume >= 0.0 else faces[:, ::-1])
+    with np.errstate(invalid="ignore"):  # its centre of mass comes along, which a flat one has none of
+        inside_out = merged.volume < 0.0
+    return Surface(np.asarray(merged.vertices, float), faces[:, ::-1] if inside_out else faces)
 
 
 def _surface_problems(path: str, mesh: Mesh, reach: float) -> Iterator[Problem]:

@@ -48,7 +48,9 @@ class IncrementalPotential:
         self.sheared = shear.sheared(model, state)
         self.parts = self.sheared_parts = np.zeros(1, np.int64)  # of both, for work at once: none before `lay_out`
         self.shear_stiffness, self.free_angle = shear.stiffness(model), shear.free_angle(model)
-        self.parallel_pair, self.parallel_distance = parallel_contact.touching_pairs(model, state, chain)
+        pair, distance = parallel_contact.touching_pairs(model, state, chain)
+        near = parallel_contact.within_reach(pair, distance, self.u0, state.u_rate, h)
+        self.parallel_pair, self.parallel_distance = pair[near], distance[near]
         self.stretch_at_start = np.ones(model.node_count)
         normal_force.stretches(np.flatnonzero(active_node), chain.before, chain.after, model.node_point, self.x0, self.u0,
                                self.stretch_at_start)

@@ -56,11 +56,9 @@ class NewtonSystem:
             self.watch.lap("factor")
             if self.usable is None:
                 return load, 0, False
-        condensed = load.copy()
-        contact.condense_load(layout.condensed_points, layout.condensed, layout.others, layout.inverse, layout.coupling,
-                              load, condensed)
-        constraints.project_gradient(self.potential.constrained_points, self.potential.projector, condensed)
-        reduced = condensed[layout.point]
+        reduced = load[layout.point]
+        contact.condense_load(layout.condensed_points, layout.condensed, layout.others, layout.row, layout.inverse,
+                              layout.coupling, load, reduced)
         solution = np.empty_like(reduced)
         iterations, positive = conjugate_gradient(
             layout.matrix, reduced, solution, self.factor, self.settings.linear_tolerance, self.settings.max_linear,

@@ -220,8 +220,8 @@ def _condense(local, inverse, coupling):
 
 
 @njit(cache=True)
-def condense_load(points, condensed, others, inverse, coupling, load, reduced):
-    """Take the load [P, 5] on the eliminated unknowns of `points` over to their `others` [C, 4] in `reduced` [P, 5]."""
+def condense_load(points, condensed, others, row, inverse, coupling, load, reduced):
+    """Take the load [P, 5] on the eliminated unknowns of `points` over to the rows of their `others` [C, 4]: `reduced` [R, 5]."""
     for p in points:
         e = condensed[p]
         if e < 0:
@@ -229,8 +229,9 @@ def condense_load(points, condensed, others, inverse, coupling, load, reduced):
         l0, l1 = load[p, 3], load[p, 4]
         f0, f1 = inverse[e, 0, 0] * l0 + inverse[e, 0, 1] * l1, inverse[e, 1, 0] * l0 + inverse[e, 1, 1] * l1
         for q in range(4):
+            i = row[others[e, q]]
             for c in range(BLOCK):
-                reduced[others[e, q], c] -= coupling[e, 0, q, c] * f0 + coupling[e, 1, q, c] * f1
+                reduced[i, c] -= coupling[e, 0, q, c] * f0 + coupling[e, 1, q, c] * f1
 
 
 @njit(cache=True)

@@ -19,13 +19,14 @@ points towards it by more than a threshold. All this is decided at the start of 
 import numpy as np
 from numba import njit
 
-from engine.arrays import Floats, Ints
+from engine.arrays import Flags, Floats, Ints
 from engine.linalg.block_matrix import locate
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.normal_force import tangent
 from engine.yarns.topology import Chain
 
 SHARE = 0.8  # of the spacing, below which parallel yarns touch at the latest
+WITHIN_REACH = 1.1  # d_min times this, within which a pair counts as close enough to touch in a step
 BENDS = 0.25  # part of the mean direction that points towards a yarn which is bent around (sec. 4.2)
 
 
@@ -48,6 +49,12 @@ def touching_pairs(model: YarnModel, state: YarnState, chain: Chain) -> tuple[In
     distance = model.radius[model.node_yarn[crossed]].sum(axis=1) + np.where(apart, 2.0 * model.radius[yarn], 0.0)
     on = ~apart | bends[crossed].any(axis=1)
     return pair[on], np.minimum(distance, SHARE * model.rest_segment[yarn])[on]
+
+
+def within_reach(pair: Ints, distance: Floats, u: Floats, u_rate: Floats, h: float) -> Flags:
+    """Return which pairs may touch within a step h [s], though they close in twice as fast as in the last one, shape [n]."""
+    i, j = pair.T
+    return u[j] - u[i] - 2.0 * h * np.maximum(u_rate[i] - u_rate[j], 0.0) < WITHIN_REACH * distance
 
 
 @njit(cache=True)
@@ -108,7 +115,7 @@ def _normal(side, t0, t1, n):
 def add_gradient(pair, distance, stiffness, u, gradient):
     """Add the gradient to `gradient` [N, 4] and return the energy [J].
 
-    `pair` [n, 2] and `distance` [n] are those of `touching_pairs`, `stiffness` [N] is k of the nodes' yarns [N/m].
+    `pair` [n, 2] and `distance` [n] are of `touching_pairs`, those within reach; `stiffness` [N] is k of the nodes' yarns [N/m].
     """
     energy = 0.0
     for e in range(len(pair)):

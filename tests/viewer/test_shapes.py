@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from engine.contact.obstacles import ObstacleKind, Obstacles, posed
+from engine.contact.surface import Surface, packed, sampled
 from engine.yarns.handles import Handles
 from viewer.layers import Segments
 from viewer.shapes import box, cylinder, moves, obstacle_mesh, sphere, tubes
@@ -91,3 +92,14 @@ def test_tubes_that_go_on_meet_at_their_outer_sides():
 def test_a_segment_without_length_is_harmless():
     tube = tubes(Segments(np.zeros((1, 2, 3), np.float32), np.zeros((1, 2, 3), np.uint8), np.ones(1, np.float32)))
     assert np.isfinite(tube.wxyzs).all() and tube.scales[0, 2] == 0
+
+
+def test_a_mesh_is_drawn_as_it_is():
+    corners, faces = box()
+    surface = Surface(corners.astype(float) + 3.0, faces.astype(np.int64))
+    mesh = sampled(surface, 0.5, 0.1)
+    obstacles = Obstacles(
+        np.array([ObstacleKind.MESH]), mesh.middle[None], np.eye(3)[None], mesh.size[None], np.zeros(1),
+        surfaces=packed([mesh]))
+    drawn = obstacle_mesh(obstacles, 0, np.zeros(3), np.ones(3))
+    assert np.allclose(drawn.vertices, surface.vertices) and (drawn.faces == faces).all()

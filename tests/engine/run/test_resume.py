@@ -79,6 +79,26 @@ def test_a_job_killed_again_and_again_ends_with_the_same_bits(unbroken, tmp_path
     assert report["error"] == unbroken[0]["error"] and report["counts"] == unbroken[0]["counts"]
 
 
+def test_a_run_with_collisions_and_a_moving_obstacle_goes_on_as_if_it_had_not_stopped(tmp_path):
+    """All that is remembered of collisions is in the state; obstacles are where their script says."""
+    keyframes = [{"time": 0, "offset": [0, 0, 0]}, {"time": 0.05, "offset": [0, 0, 0.002]}]
+    scene = load_scene(SLIDING_PATCHES | {
+        "fabrics": [
+            PATCH | {"name": "lower", "warps": 6, "wefts": 6, "pins": "corners"},
+            PATCH | {"name": "upper", "warps": 5, "wefts": 5, "rotation": [0, 0, 20], "position": [0, 0, 0.0012]},
+        ],
+        "contacts": [], "contact": {"self": True}, "script": {"handles": [{"name": "lift", "keyframes": keyframes}]},
+        "obstacles": [{"shape": "sphere", "radius": 0.02, "position": [0, 0, -0.0206], "handle": "lift"}],
+    })
+    whole, stopped = tmp_path / "whole", tmp_path / "stopped"
+    report = run(scene, whole, threads=1)
+    assert report["counts"]["collisions_max"] > 0
+    calls = iter(range(1000))
+    assert run(scene, stopped, threads=1, should_stop=lambda: next(calls) > 20)["state"] == "cancelled"
+    run(scene, stopped, resume=True, threads=1)
+    assert contents(stopped) == contents(whole)
+
+
 def test_a_falling_yarn_reports_what_it_keeps(tmp_path):
     falling = {
         "strandline": 1, "name": "falling", "duration": 0.05, "fps": 100,

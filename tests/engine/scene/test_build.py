@@ -248,3 +248,9 @@ def test_points_added_at_once_are_those_added_one_by_one():
     for one, other in zip(many.build(), single.build(), strict=True):
         for name, values in vars(one).items():
             np.testing.assert_array_equal(values, getattr(other, name), err_msg=name)
+
+
+def test_collisions_are_there_where_the_scene_asks_for_them():
+    assert built(fabrics=[cloth()]).collisions is None
+    asked = built(fabrics=[cloth()], contact={"self": True, "thickness": 0.5, "spacing": 1.0}).collisions
+    assert (asked.thickness, asked.stiffness, asked.spacing, len(asked.kept)) == (0.5, 1.0, 1.0, 0)

@@ -105,6 +105,13 @@ def test_pairs_follow_each_other_among_the_crossings_of_their_yarn(seed):
         assert set(np.flatnonzero(between)) == {i, j}
 
 
+def test_pairs_that_are_far_apart_or_part_are_out_of_reach():
+    pair, distance, u = np.array([[0, 1]]), np.array([0.8]), np.array([0.0, 1.0])
+    for u_rate, reached in (([0.0, 0.0], False), ([1.0, 0.0], True), ([0.0, 1.0], False)):
+        assert parallel_contact.within_reach(pair, distance, u, np.array(u_rate), 0.1) == reached
+    assert parallel_contact.within_reach(pair, distance, 0.85 * u, np.zeros(2), 0.1)
+
+
 @pytest.mark.parametrize("factor", [0.0, 1.0], ids=["off", "on"])
 def test_a_yarn_that_is_moved_pushes_its_neighbour(factor):
     model, state, warp, _ = weave()
