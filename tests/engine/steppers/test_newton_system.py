@@ -35,7 +35,8 @@ def condensable(seed):
 def cloths():
     """Two cloths on each other that have several strips, with the place that they would come to in a step."""
     built = stacked(800)
-    model, state = built.yarns, built.state
+    model = replace(built.yarns, shear_stiffness=0.1 * built.yarns.stretch_stiffness)
+    state = built.state
     rng, spacing = np.random.default_rng(0), model.rest_segment.min()
     x = state.x + 0.02 * spacing * rng.normal(size=state.x.shape)
     u = state.u + 0.02 * spacing * ~model.u_fixed * rng.uniform(-1.0, 1.0, len(state.u))
