@@ -3,7 +3,8 @@
 import numpy as np
 
 from engine.arrays import Floats
-from engine.linalg.conjugate_gradient import conjugate_gradient
+from engine.linalg.coarse_space import CoarseSpace, TwoLevels
+from engine.linalg.conjugate_gradient import Preconditioner, conjugate_gradient
 from engine.linalg.incomplete_cholesky import factorise, incomplete_cholesky
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.step_report import Stopwatch
@@ -11,6 +12,9 @@ from engine.yarns import constraints, contact
 from engine.yarns.settings import YarnSettings
 
 STALE = 2  # times as many iterations as with a fresh factor end the use of an old one
+MANY = 1000  # rows from which on a coarse space pays
+FAR = 15.0  # segments that a wave of stretch runs within a step, from where on it pays
+PATCH = 4.0  # edge of a patch of cloth in rest segments
 MARGIN = 0.3  # of Newton's goal, for what the Hessian does not foresee
 
 
@@ -22,8 +26,21 @@ class NewtonSystem:
         self.potential, self.settings, self.watch = potential, settings, watch
         self.layout = potential.lay_out()
         self.factor = incomplete_cholesky(self.layout.matrix)
+        self.preconditioner: Preconditioner = self.factor
+        self.coarse = self._coarse_space()
+        if self.coarse is not None:
+            self.preconditioner = TwoLevels(self.factor, self.coarse)
         self.fresh_iterations = 0  # that the last fresh factor took
         self.usable: bool | None = None  # the factor is of this form of the Hessian, convex or not
+
+    def _coarse_space(self) -> CoarseSpace | None:
+        """Return the patches of cloth that is so stiff, or steps so long, that a pull runs over many yarns within a step."""
+        p, m, layout = self.potential, self.potential.model, self.layout
+        reach = p.h * np.sqrt(m.stretch_stiffness / m.density) / m.rest_segment  # of a wave of stretch, in segments
+        if layout.matrix.rows < MANY or reach.max(initial=0.0) < FAR:
+            return None
+        place, free = p.x0[layout.point], p.projector[layout.point, :3, :3]
+        return CoarseSpace(layout.matrix, place, free, PATCH * float(m.rest_segment.max()))
 
     def forget_factor(self) -> None:
         """Say that the Hessian has changed too much for the factor that there is."""
@@ -53,6 +70,8 @@ class NewtonSystem:
         fresh = self.usable is not convex
         if fresh:
             self.usable = convex if factorise(self.factor) else None
+            if self.usable is not None and self.coarse is not None:
+                self.coarse.refresh()
             self.watch.lap("factor")
             if self.usable is None:
                 return load, 0, False
@@ -61,7 +80,7 @@ class NewtonSystem:
                               layout.coupling, load, reduced)
         solution = np.empty_like(reduced)
         iterations, positive = conjugate_gradient(
-            layout.matrix, reduced, solution, self.factor, self.settings.linear_tolerance, self.settings.max_linear,
+            layout.matrix, reduced, solution, self.preconditioner, self.settings.linear_tolerance, self.settings.max_linear,
             MARGIN * goal)
         if fresh:
             self.fresh_iterations = iterations
