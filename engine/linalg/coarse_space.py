@@ -20,6 +20,7 @@ MODES = 3  # scalar modes of a patch: constant, and linear in two directions
 SIZE = AXES * MODES
 MOST_PATCHES = 1500  # a factor of P^T A P is cheap up to there
 FLAT = 1e-9  # of the largest diagonal: an unknown below it does not exist, as the breadth of a line
+RIDGE = 1e-6  # of the diagonal is added: where most of a patch is held, its modes depend on each other
 
 
 class CoarseSpace:
@@ -41,8 +42,8 @@ class CoarseSpace:
         self.mode = _modes(place, self.rows, self.start, edge)
         self.pair_start, self.pair_column = _neighbours(matrix.start, matrix.column, patch, self.rows, self.start, self.count)
 
-    def refresh(self) -> None:
-        """Factorise P^T A P for the present values of the matrix."""
+    def refresh(self) -> bool:
+        """Factorise P^T A P for the present values of the matrix; false where it is not positive definite."""
         a = self.matrix
         block = np.zeros((len(self.pair_column), SIZE, SIZE))
         _coarse_matrix(a.start, a.column, a.block, self.patch, self.mode, self.free, self.rows, self.start, self.pair_start,
@@ -54,8 +55,9 @@ class CoarseSpace:
         coarse = csc_array((block.ravel(), (row.ravel(), column.ravel())))
         diagonal = coarse.diagonal()
         absent = diagonal <= FLAT * diagonal.max()
-        coarse.setdiag(np.where(absent, diagonal.max(), diagonal))
+        coarse.setdiag(np.where(absent, diagonal.max(), (1.0 + RIDGE) * diagonal))
         self.factor = splu(coarse, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        return bool(self.factor.U.diagonal().min() > 0.0)
 
     def add_correction(self, b: Floats, out: Floats) -> None:
         """Add P (P^T A P)^-1 P^T b to out, both [n, 5]."""

@@ -69,9 +69,8 @@ class NewtonSystem:
         layout = self.layout
         fresh = self.usable is not convex
         if fresh:
-            self.usable = convex if factorise(self.factor) else None
-            if self.usable is not None and self.coarse is not None:
-                self.coarse.refresh()
+            positive = factorise(self.factor) and (self.coarse is None or self.coarse.refresh())
+            self.usable = convex if positive else None
             self.watch.lap("factor")
             if self.usable is None:
                 return load, 0, False
