@@ -15,6 +15,7 @@ contact with anything else see x.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
@@ -22,7 +23,9 @@ from numba import njit
 from engine.arrays import Floats, Ints
 from engine.yarns.model import YarnModel, YarnState
 from engine.yarns.normal_force import normal
-from engine.yarns.topology import Chain
+
+if TYPE_CHECKING:  # which needs centre lines itself
+    from engine.yarns.topology import Chain
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ class CentreLines:
         return x if self.offset is None else x[self.point] + self.offset
 
 
-def centre_lines(model: YarnModel, state: YarnState, chain: Chain) -> CentreLines:
+def centre_lines(model: YarnModel, state: YarnState, chain: "Chain") -> CentreLines:
     """Return the centre lines with the normals of the present state, whose EoL nodes are those of `chain`."""
     if not model.height.any():
         return CentreLines(model.node_point, model.node_point, None)
@@ -49,7 +52,7 @@ def centre_lines(model: YarnModel, state: YarnState, chain: Chain) -> CentreLine
     return CentreLines(np.arange(model.node_count), model.node_point, offset)
 
 
-def crimped_coordinates(model: YarnModel, state: YarnState, chain: Chain) -> Floats:
+def crimped_coordinates(model: YarnModel, state: YarnState, chain: "Chain") -> Floats:
     """Return u of all nodes with which centre lines are as much stretched as the yarns through x are now, shape [N] [m].
 
     So a weave laid out flat and free of tension becomes one of longer yarns, crimped and free of tension.

@@ -5,12 +5,16 @@ either side: where one side is pinned or given, the other still carries the whol
 constraint's spring force, at an eyelet or an edge the reaction across the yarn.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import njit
 
 from engine.arrays import Floats
 from engine.yarns.model import PointKind, YarnModel, YarnState
-from engine.yarns.topology import Chain
+
+if TYPE_CHECKING:  # whose assignment needs normals itself
+    from engine.yarns.topology import Chain
 
 CROSSING, CONTACT, STITCH = int(PointKind.CROSSING), int(PointKind.CONTACT), int(PointKind.STITCH)
 EYELET, EDGE = int(PointKind.EYELET), int(PointKind.EDGE)
@@ -52,7 +56,7 @@ def normal_forces(
                     force[p] += 0.5 * crimp_force(offset, rest_segment[y], bending_stiffness[y], tension)
 
 
-def at_rest(model: YarnModel, state: YarnState, chain: Chain) -> Floats:
+def at_rest(model: YarnModel, state: YarnState, chain: "Chain") -> Floats:
     """Return F_n of every point before the first step, when only crimp presses yarns together, shape [P] [N]."""
     force = np.zeros(model.point_count)
     normal_forces(
