@@ -67,7 +67,7 @@ def _add_crossings(
         np.where(above, of_warp, of_weft), np.where(above, u, v),
         patch.warps.at(warp, u), patch.normal, fabric.friction,
         # nothing slides in a patch whose shape is given
-        PointKind.STITCH if fabric.kinematic else PointKind.CROSSING, pinned, handle, fabric.crimp,
+        PointKind.STITCH if fabric.kinematic else PointKind.CROSSING, pinned, handle,
     )
 
 

@@ -187,9 +187,6 @@ class Fabric(Part):
     """Rotations about the fixed x, y, z axes through the centre, in this order."""
     friction: Friction = 0.5
     """Friction of warps on wefts."""
-    crimp: bool = False
-    """Yarns bend over and under each other by their radii, and are as much longer. Stretched one way, the patch then
-    contracts the other way. Without it the thickness of yarns within a patch is only drawn."""
     kinematic: bool = False
     """The patch is rigid and stays where it is."""
     pins: Literal["none", "corners", "edges"] = "none"

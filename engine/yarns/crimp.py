@@ -6,8 +6,10 @@ the unit normal from the one to the other, and it is the centre lines that stret
 yarn as it lowers the other, against nothing else: how the crossing's height R_0 + R_1 is shared between the crimps of the
 two is part of the unknown x, and crimp interchange needs no unknown of its own.
 
-n is that of the start of a step and follows x with the next one: a step is of first order in h, as it is without. At rest,
-forces on x balance but for what turning n would do, the moment about x of forces along the surfaces that touch.
+n is that of the start of a step and follows x with the next one. Forces on x lack what turning n would do, the moment about
+x of what acts on both centres: none where the cloth is loaded in its plane, as in `woven-biaxial`. Cloth that turns or hangs
+freely is another matter: offsets that do not turn with it within a step strain its yarns, and a hanging patch gains energy
+until steps are rejected. So no scene can ask for crimp before n is part of the unknowns.
 
 Between crossings the offset is interpolated along the yarn, so that contacts with other fabrics slide on straight segments
 of it. It is zero at ends: half a spacing behind its last crossing, a yarn is in its middle plane. Inertia, weight, shear and

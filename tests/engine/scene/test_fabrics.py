@@ -11,7 +11,6 @@ from engine.scene.build import build
 from engine.scene.load import load_scene
 from engine.scene.stack import contact_count, touches
 from engine.scene.weave import weave
-from engine.yarns import observe
 from engine.yarns.model import PointKind
 from tests.engine.scene.scenes import cloth, scene_of
 
@@ -119,13 +118,3 @@ def test_contacts_at_any_angle_are_counted_without_looking_at_each():
     tracemalloc.stop()
     assert count > 245_000 and peak < 1e6
     assert count == sum(len(touch.below) for touch in touches(contact, lower, upper))
-
-
-def test_a_patch_with_crimp_is_free_of_tension_also_in_a_stack():
-    stack = [cloth("under", warps=6, wefts=6, crimp=True, pattern="twill-2/1"), cloth("over", crimp=True, rotation=[0, 0, 20])]
-    made, flat = (built(fabrics=[patch | {"crimp": crimp} for patch in stack], contacts=[{"lower": "under", "upper": "over"}])
-                  for crimp in (True, False))
-    assert np.abs(observe.strain(made.yarns, made.state)).max() < 1e-9
-    assert (made.yarns.length > 1.05 * flat.yarns.length).all() and not flat.yarns.height.any()
-    woven = made.yarns.point_kind[made.yarns.node_point] == PointKind.CROSSING
-    np.testing.assert_array_equal(np.abs(made.yarns.height), np.where(woven, made.yarns.radius[made.yarns.node_yarn], 0.0))
