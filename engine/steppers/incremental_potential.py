@@ -11,6 +11,7 @@ from engine.contact.obstacles import ObstacleMotion
 from engine.linalg.block_matrix import BLOCK
 from engine.steppers.layout import Layout, lay_out, parts_of
 from engine.yarns import constraints, contact, friction, friction_circle, inertia, internal, normal_force, parallel_contact, shear
+from engine.yarns.crimp import centre_lines
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain
@@ -51,9 +52,11 @@ class IncrementalPotential:
         pair, distance = parallel_contact.touching_pairs(model, state, chain)
         near = parallel_contact.within_reach(pair, distance, self.u0, state.u_rate, h)
         self.parallel_pair, self.parallel_distance = pair[near], distance[near]
+        self.centre_lines = centre_lines(model, state, chain)
+        self.centre0 = self.centre_lines.through(self.x0)
         self.stretch_at_start = np.ones(model.node_count)
-        normal_force.stretches(np.flatnonzero(active_node), chain.before, chain.after, model.node_point, self.x0, self.u0,
-                               self.stretch_at_start)
+        normal_force.stretches(np.flatnonzero(active_node), chain.before, chain.after, self.centre_lines.place,
+                               self.centre0, self.u0, self.stretch_at_start)
         pressing = np.maximum(state.normal_force, 0.0) * model.friction
         self.friction_limit = self.stretch_at_start * pressing[model.node_point]
         self._share_friction(pressing)
@@ -112,7 +115,8 @@ class IncrementalPotential:
         g[:] = 0.0
         energy = internal.add_gradient(
             c.node, c.start, m.node_point, m.density, m.kinematic, m.stretch_stiffness, m.stretch_damping,
-            m.bending_stiffness, self.h, self.x0, self.u0, self.prediction, self.corner_force, x, u, g)
+            m.bending_stiffness, self.h, self.u0, self.prediction, self.corner_force, x, u, self.centre_lines.place,
+            self.centre0, self.centre_lines.through(x), g)
         energy += shear.add_gradient_in_parts(self.sheared, self.sheared_parts, m.point_nodes, self.state.eil, c.before,
                                               c.after, m.node_point, self.shear_stiffness, self.free_angle, x, g)
         energy += parallel_contact.add_gradient(self.parallel_pair, self.parallel_distance, self.parallel_stiffness, u, g)
@@ -217,8 +221,8 @@ class IncrementalPotential:
         """
         m, c, a = self.model, self.chain, layout.matrix
         internal.hessian(
-            c.node, c.start, m.node_point, m.density, m.kinematic, m.stretch_stiffness, m.stretch_damping,
-            m.bending_stiffness, self.h, self.x0, self.u0, self.prediction, x, u, convex, self.band)
+            c.node, c.start, m.density, m.kinematic, m.stretch_stiffness, m.stretch_damping, m.bending_stiffness, self.h,
+            self.u0, self.prediction, u, self.centre_lines.place, self.centre0, self.centre_lines.through(x), convex, self.band)
         self.sliding_curvature[:] = 0.0
         friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,
                              self.state.anchor, self.hold, u, self.sliding_curvature)

@@ -128,7 +128,8 @@ class YarnStepper:
         Returns the scale of force [N] that the residual is compared with.
         """
         m, c = self.model, potential.chain
-        tension = largest_tension(c.node, c.after, m.node_yarn, m.node_point, m.stretch_stiffness, x, u)
+        lines = potential.centre_lines
+        tension = largest_tension(c.node, c.after, m.node_yarn, lines.place, m.stretch_stiffness, lines.through(x), u)
         floor = 1e-9 * float(m.stretch_stiffness.max(initial=0.0))
         scale = max(self.weight, 1e-3 * tension, floor)
         report.residual = float(np.abs(gradient).max(initial=0.0)) / scale
@@ -162,7 +163,7 @@ class YarnStepper:
         start.gap[potential.split] = potential.gap[potential.split] + potential.offset[potential.split]
         normal_force.normal_forces(
             m.point_kind, m.point_nodes, m.side, start.active, c.before, c.after, at, m.node_yarn, m.radius,
-            m.rest_segment, m.bending_stiffness, m.stretch_stiffness, start.contact_force, x, u,
+            m.rest_segment, m.bending_stiffness, m.stretch_stiffness, m.height, start.contact_force, x, u,
             start.normal_force)
         pulling = start.normal_force < -s.separation_force * self.weight
         start.pulling_steps = np.where(pulling, start.pulling_steps + 1, 0)
@@ -193,7 +194,7 @@ def rejected(report: StepReport, watch: Stopwatch, reason: str) -> StepReport:
 
 
 @njit(cache=True)
-def largest_tension(chain, after, node_yarn, node_point, stiffness, x, u):
+def largest_tension(chain, after, node_yarn, place, stiffness, centre, u):
     """Largest |T| over all segments [N]."""
     largest = 0.0
     for i in chain:
@@ -201,7 +202,7 @@ def largest_tension(chain, after, node_yarn, node_point, stiffness, x, u):
         if j >= 0:
             square = 0.0
             for k in range(3):
-                square += (x[node_point[j], k] - x[node_point[i], k]) ** 2
+                square += (centre[place[j], k] - centre[place[i], k]) ** 2
             largest = max(largest, stiffness[node_yarn[i]] * abs(np.sqrt(square) / (u[j] - u[i]) - 1.0))
     return largest
 

@@ -1,6 +1,6 @@
 """Put yarns together: a builder that collects yarns and points and packs them into a model and a state."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,24 +65,25 @@ class YarnAssembly:
 
     def crossing(
         self, below: int, u: float, above: int, v: float, x: Floats, up: Floats, friction: float = 0.0,
-        kind: PointKind = PointKind.CROSSING, pinned: bool = False, handle: int = -1,
+        kind: PointKind = PointKind.CROSSING, pinned: bool = False, handle: int = -1, crimp: bool = False,
     ) -> int:
         """Add a place where yarn `below` (at u) and yarn `above` (at v) touch.
 
         `up` [3] is any vector that points from the lower to the upper yarn. `kind` is CROSSING within a fabric,
-        CONTACT between fabrics, STITCH where both are sewn together. Returns the point.
+        CONTACT between fabrics, STITCH where both are sewn together. With `crimp`, their centre lines pass at their
+        radii from it, and u, v become lengths along centre lines (`engine.yarns.crimp`). Returns the point.
         """
-        return int(self.crossings(below, u, above, v, x, up, friction, kind, pinned, handle)[0])
+        return int(self.crossings(below, u, above, v, x, up, friction, kind, pinned, handle, crimp)[0])
 
     def crossings(
         self, below: ArrayLike, u: ArrayLike, above: ArrayLike, v: ArrayLike, x: Floats, up: ArrayLike,
         friction: float = 0.0, kind: PointKind = PointKind.CROSSING, pinned: ArrayLike = False,
-        handle: ArrayLike = -1,
+        handle: ArrayLike = -1, crimp: bool = False,
     ) -> Ints:
         """Add places at `x` [n, 3] where yarns touch, all of one `kind`; returns their points [n]."""
         sewn = kind == PointKind.STITCH
         return self._add(kind, x, [(below, u, sewn), (above, v, sewn)], up=up, friction=friction, pinned=pinned,
-                         handle=handle)
+                         handle=handle, crimp=crimp)
 
     def eyelet(self, yarn: int, u: float, x: Floats, friction: float = 0.0, handle: int = -1) -> int:
         """Add a fixed place that the yarn slides through; returns its point."""
@@ -100,13 +101,15 @@ class YarnAssembly:
         return self._add(PointKind.EDGE, x, [(yarn, u, False)], friction=friction,
                          free_directions=np.outer(direction, direction))
 
-    def _add(self, kind, x, nodes, up=(0.0, 0.0, 1.0), friction=0.0, pinned=False, free_directions=None, handle=-1):
+    def _add(
+        self, kind, x, nodes, up=(0.0, 0.0, 1.0), friction=0.0, pinned=False, free_directions=None, handle=-1, crimp=False,
+    ):
         """Add points at `x`, each with one or two nodes (yarn, u, u is fixed); everything else broadcasts."""
         x = np.asarray(x, float).reshape(-1, 3)
         point = self.point_count + np.arange(len(x))
         if free_directions is None:
             free_directions = np.where(np.asarray(pinned)[..., None, None], np.zeros((3, 3)), np.eye(3))
-        constants = dict(kind=int(kind), friction=float(friction), handle=handle)
+        constants = dict(kind=int(kind), friction=float(friction), handle=handle, crimp=crimp)
         self.points.append(dict(
             x=x, up=np.broadcast_to(up, x.shape), free_directions=np.broadcast_to(free_directions, (len(x), 3, 3)),
             **{name: np.broadcast_to(value, len(x)) for name, value in constants.items()},
@@ -143,6 +146,7 @@ class YarnAssembly:
             kinematic=yarn_values("kinematic", np.bool_),
             node_yarn=node_yarn, node_point=node_point, node_slot=node_slot,
             u_fixed=node["fixed"][stored],
+            height=np.where(point["crimp"][node_point], (2 * node_slot - 1) * yarn_values("radius")[node_yarn], 0.0),
             point_kind=point["kind"].astype(np.int64),
             point_nodes=point_nodes,
             side=_sides(point["up"], point_nodes, self._tangents(x[node_point], u, node_start)),
@@ -162,8 +166,15 @@ class YarnAssembly:
         )
         # imported here, because reading and checking a scene needs no compiled kernels
         from engine.yarns import normal_force
+        from engine.yarns.crimp import crimped_coordinates
         from engine.yarns.topology import assign, chain_of
 
+        if model.height.any():
+            chain = chain_of(model, state.order, state.eil, state.active)
+            state.u = crimped_coordinates(model, state, chain)
+            last = node_start[1:] - 1
+            model = replace(model, length=model.length + state.u[last] - u[last])
+            state.anchor = state.u.copy()
         assign(model, state, YarnSettings.safety_distance, 0.0)
         state.normal_force = normal_force.at_rest(model, state, chain_of(model, state.order, state.eil, state.active))
         return model, state

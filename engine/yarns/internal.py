@@ -16,13 +16,14 @@ CHUNK = 256  # rows that are one piece of work
 
 @njit(cache=True, parallel=True)
 def add_gradient(
-    chain, chain_start, node_point, density, kinematic, stretch_stiffness, stretch_damping, bending_stiffness, h, x0, u0,
-    prediction, corner_force, x, u, gradient,
+    chain, chain_start, node_point, density, kinematic, stretch_stiffness, stretch_damping, bending_stiffness, h, u0,
+    prediction, corner_force, x, u, place, centre0, centre, gradient,
 ):
     """Add the gradient of all yarns to `gradient` [N, 4] and return their energy [J].
 
     `chain` [E] and `chain_start` [Y+1] are those of `Chain`; the constants are those of `YarnModel`, the prediction and
-    the corner forces those of `inertia`; x0 and u0 mark the start of the step of size h [s].
+    the corner forces those of `inertia`; 0 marks the start of the step of size h [s]. Stretch and bending are those of the
+    `centre` lines, `place` [N] says where in them nodes are (`crimp`); they move with x.
     """
     yarns = len(chain_start) - 1
     energy = np.zeros(yarns)
@@ -31,9 +32,9 @@ def add_gradient(
         if not kinematic[y]:
             energy[y] += inertia.add_gradient(nodes, node_point, density[y], h, u0, prediction, corner_force, x, u, gradient)
         energy[y] += stretch.add_gradient(
-            nodes, node_point, stretch_stiffness[y], stretch_damping[y], h, x0, u0, x, u, gradient)
+            nodes, place, stretch_stiffness[y], stretch_damping[y], h, centre0, u0, centre, u, gradient)
         if bending_stiffness[y] > 0.0:
-            energy[y] += bending.add_gradient(nodes, node_point, bending_stiffness[y], x, u, gradient)
+            energy[y] += bending.add_gradient(nodes, place, bending_stiffness[y], centre, u, gradient)
     total = 0.0
     for y in range(yarns):
         total += energy[y]
@@ -42,8 +43,8 @@ def add_gradient(
 
 @njit(cache=True, parallel=True)
 def hessian(
-    chain, chain_start, node_point, density, kinematic, stretch_stiffness, stretch_damping, bending_stiffness, h, x0, u0,
-    prediction, x, u, convex, band,
+    chain, chain_start, density, kinematic, stretch_stiffness, stretch_damping, bending_stiffness, h, u0,
+    prediction, u, place, centre0, centre, convex, band,
 ):
     """Write the second derivatives of all yarns to `band` [E, 3, 4, 4]; if `convex`, a positive form of them."""
     for y in prange(len(chain_start) - 1):
@@ -52,9 +53,10 @@ def hessian(
         own[:] = 0.0
         if not kinematic[y]:
             inertia.add_hessian(nodes, density[y], h, u0, prediction, u, own)
-        stretch.add_hessian(nodes, node_point, stretch_stiffness[y], stretch_damping[y], h, x0, u0, x, u, convex, own)
+        stretch.add_hessian(
+            nodes, place, stretch_stiffness[y], stretch_damping[y], h, centre0, u0, centre, u, convex, own)
         if bending_stiffness[y] > 0.0:
-            bending.add_hessian(nodes, node_point, bending_stiffness[y], x, u, convex, own)
+            bending.add_hessian(nodes, place, bending_stiffness[y], centre, u, convex, own)
 
 
 @njit(cache=True, parallel=True)

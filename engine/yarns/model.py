@@ -58,6 +58,7 @@ class YarnModel:
     node_point: Ints  # [N]
     node_slot: Ints  # 0 or 1: which of its point's u this node is, shape [N]
     u_fixed: Flags  # the Eulerian coordinate is no unknown, shape [N]
+    height: Floats  # of the centre line above its point, along the normal of a crossing with crimp; else 0 [m], shape [N]
     # points
     point_kind: Ints  # PointKind, shape [P]
     point_nodes: Ints  # its nodes, -1 where there is one only, shape [P, 2]

@@ -5,12 +5,16 @@ either side: where one side is pinned or given, the other still carries the whol
 constraint's spring force, at an eyelet or an edge the reaction across the yarn.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import njit
 
 from engine.arrays import Floats
 from engine.yarns.model import PointKind, YarnModel, YarnState
-from engine.yarns.topology import Chain
+
+if TYPE_CHECKING:  # whose assignment needs normals itself
+    from engine.yarns.topology import Chain
 
 CROSSING, CONTACT, STITCH = int(PointKind.CROSSING), int(PointKind.CONTACT), int(PointKind.STITCH)
 EYELET, EDGE = int(PointKind.EYELET), int(PointKind.EDGE)
@@ -19,11 +23,12 @@ EYELET, EDGE = int(PointKind.EYELET), int(PointKind.EDGE)
 @njit(cache=True)
 def normal_forces(
     point_kind, point_nodes, side, active, before, after, node_point, node_yarn,
-    radius, rest_segment, bending_stiffness, stretch_stiffness, contact_force, x, u, force,
+    radius, rest_segment, bending_stiffness, stretch_stiffness, height, contact_force, x, u, force,
 ):
     """Write F_n [N] of every point to `force` [P]: positive where yarns press, negative where they pull.
 
-    `contact_force` [P, 3] is what the first yarn of a point exerts on the second, or on the object there.
+    `contact_force` [P, 3] is what the first yarn of a point exerts on the second, or on the object there. It has the
+    crimp's part where centre lines have their `height` [N] over points (`crimp`); elsewhere that is added.
     """
     t0, t1, n = np.empty(3), np.empty(3), np.empty(3)
     for p in range(len(force)):
@@ -40,17 +45,10 @@ def normal_forces(
                 square += contact_force[p, k] ** 2
             force[p] = np.sqrt(max(square - along * along, 0.0))
         elif kind == CROSSING or kind == CONTACT:
-            tangent(i, before, after, node_point, x, u, t0)
-            tangent(j, before, after, node_point, x, u, t1)
-            length = 0.0
+            normal(i, j, side[p], before, after, node_point, x, u, t0, t1, n)
             for k in range(3):
-                n[k] = side[p] * (t0[(k + 1) % 3] * t1[(k + 2) % 3] - t0[(k + 2) % 3] * t1[(k + 1) % 3])
-                length += n[k] * n[k]
-            length = np.sqrt(length)
-            if length > 1e-12:
-                for k in range(3):
-                    force[p] += contact_force[p, k] * n[k] / length
-            if kind == CROSSING:
+                force[p] += contact_force[p, k] * n[k]
+            if kind == CROSSING and height[i] == 0.0:
                 offset = radius[node_yarn[i]] + radius[node_yarn[j]]
                 for m in (i, j):
                     y = node_yarn[m]
@@ -58,13 +56,13 @@ def normal_forces(
                     force[p] += 0.5 * crimp_force(offset, rest_segment[y], bending_stiffness[y], tension)
 
 
-def at_rest(model: YarnModel, state: YarnState, chain: Chain) -> Floats:
+def at_rest(model: YarnModel, state: YarnState, chain: "Chain") -> Floats:
     """Return F_n of every point before the first step, when only crimp presses yarns together, shape [P] [N]."""
     force = np.zeros(model.point_count)
     normal_forces(
         model.point_kind, model.point_nodes, model.side, state.active, chain.before, chain.after,
         model.node_point, model.node_yarn, model.radius, model.rest_segment, model.bending_stiffness,
-        model.stretch_stiffness, state.contact_force, state.x, state.u, force)
+        model.stretch_stiffness, np.zeros(model.node_count), state.contact_force, state.x, state.u, force)
     return force
 
 
@@ -78,6 +76,23 @@ def crimp_force(offset, spacing, bending_stiffness, tension):
     tilt = np.arctan2(offset, spacing)
     moment = 2.0 * bending_stiffness * (2.0 * tilt) / (2.0 * spacing)
     return 2.0 * moment * np.cos(tilt) ** 2 / spacing + 2.0 * max(tension, 0.0) * np.sin(tilt)
+
+
+@njit(cache=True)
+def normal(i, j, side, before, after, node_point, x, u, t0, t1, n):
+    """Write the unit normal from node i's yarn to node j's, which cross, to n, and their tangents to t0 and t1.
+
+    Where the yarns are parallel, n is zero.
+    """
+    tangent(i, before, after, node_point, x, u, t0)
+    tangent(j, before, after, node_point, x, u, t1)
+    length = 0.0
+    for k in range(3):
+        n[k] = side * (t0[(k + 1) % 3] * t1[(k + 2) % 3] - t0[(k + 2) % 3] * t1[(k + 1) % 3])
+        length += n[k] * n[k]
+    length = np.sqrt(length)
+    for k in range(3):
+        n[k] = n[k] / length if length > 1e-12 else 0.0
 
 
 @njit(cache=True)

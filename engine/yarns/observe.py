@@ -4,6 +4,7 @@ import numpy as np
 
 from engine.arrays import Floats
 from engine.yarns import bending, shear, stretch
+from engine.yarns.crimp import centre_lines
 from engine.yarns.model import NodeState, PointKind, YarnModel, YarnState
 from engine.yarns.topology import Chain, chain_of
 
@@ -67,7 +68,9 @@ def strain(model: YarnModel, state: YarnState) -> Floats:
     count = np.zeros(len(chain.node))
     i, j = chain.node[:-1], chain.node[1:]
     joined = np.flatnonzero(model.node_yarn[i] == model.node_yarn[j])
-    edge = state.x[model.node_point[j[joined]]] - state.x[model.node_point[i[joined]]]
+    lines = centre_lines(model, state, chain)
+    centre = lines.through(state.x)
+    edge = centre[lines.place[j[joined]]] - centre[lines.place[i[joined]]]
     value = np.linalg.norm(edge, axis=1) / (state.u[j[joined]] - state.u[i[joined]]) - 1.0
     for end in (joined, joined + 1):
         np.add.at(total, end, value)
@@ -101,10 +104,12 @@ def energies(model: YarnModel, state: YarnState, gravity: Floats) -> dict[str, f
     weight = -np.sum(rho * du * 0.5 * ((xa + xb) @ np.asarray(gravity)))
     unused = np.zeros((model.node_count, 4))
     elastic = 0.0
+    lines = centre_lines(model, state, chain)
+    centre = lines.through(state.x)
     for y, nodes in enumerate(np.split(chain.node, chain.start[1:-1])):
-        elastic += stretch.add_gradient(nodes, model.node_point, model.stretch_stiffness[y], 0.0, 1.0, state.x, state.u,
-                                        state.x, state.u, unused)
-        elastic += bending.add_gradient(nodes, model.node_point, model.bending_stiffness[y], state.x, state.u, unused)
+        elastic += stretch.add_gradient(nodes, lines.place, model.stretch_stiffness[y], 0.0, 1.0, centre, state.u,
+                                        centre, state.u, unused)
+        elastic += bending.add_gradient(nodes, lines.place, model.bending_stiffness[y], centre, state.u, unused)
     elastic += shear.add_gradient(shear.sheared(model, state), model.point_nodes, state.eil, chain.before, chain.after,
                                   model.node_point, shear.stiffness(model), shear.free_angle(model), state.x, unused)
     return dict(kinetic=float(kinetic), potential=float(elastic + weight))

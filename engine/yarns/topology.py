@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from engine.arrays import Flags, Floats, Ints
+from engine.yarns.crimp import centre_lines
 from engine.yarns.model import PointKind, YarnModel, YarnState
 
 
@@ -55,10 +56,11 @@ def kinks(model: YarnModel, state: YarnState, chain: Chain) -> Floats:
     before, after = chain.before[inner], chain.after[inner]
     span = state.u[after] - state.u[before]
     share = np.divide(state.u[inner] - state.u[before], span, out=np.zeros(len(inner)), where=span > 0.0)[:, None]
-    at = model.node_point
-    between = (1.0 - share) * state.x[at[before]] + share * state.x[at[after]]
+    lines = centre_lines(model, state, chain)
+    centre, at = lines.through(state.x), lines.place
+    between = (1.0 - share) * centre[at[before]] + share * centre[at[after]]
     kink = np.zeros(model.node_count)
-    kink[inner] = np.linalg.norm(state.x[at[inner]] - between, axis=1)
+    kink[inner] = np.linalg.norm(centre[at[inner]] - between, axis=1)
     return kink
 
 

@@ -6,7 +6,7 @@ import pytest
 from engine.validate import catalogue, woven_energy, woven_pull_out, woven_shear
 
 
-@pytest.mark.parametrize("id", ["woven-picture-frame", "woven-pull-out", "woven-energy"])
+@pytest.mark.parametrize("id", ["woven-picture-frame", "woven-pull-out", "woven-energy", "woven-biaxial"])
 def test_case_is_at_its_bar(id):
     [entry] = catalogue.run([id], quick=True)["cases"]
     assert entry["status"] == "pass", entry["note"]

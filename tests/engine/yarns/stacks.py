@@ -53,12 +53,12 @@ class Stack:
 def random_stack(seed: int, **material: float) -> Stack:
     """Two small weaves on each other, rods held in all ways, obstacles below: all perturbed and in motion.
 
-    Every node that may be EIL is so with even chances, whatever the distances.
+    Every node that may be EIL is so with even chances, whatever the distances. With an odd seed, the weaves have crimp.
     """
     yarns = YarnAssembly()
     material = replace(MATERIAL, **material)
     # so thick and close that neighbours touch
-    _add_weaves(yarns, replace(material, radius=2.0 * material.radius), near=0.2, spacing=0.7)
+    _add_weaves(yarns, replace(material, radius=2.0 * material.radius), near=0.2, spacing=0.7, crimp=seed % 2 == 1)
     _add_rods(yarns, material)
     model, state = yarns.build()
     rng = np.random.default_rng(seed)
@@ -162,7 +162,7 @@ def positions_of(model: YarnModel, *nodes: int) -> Ints:
         BLOCK * model.node_point[n] + np.array([0, 1, 2, 3 + model.node_slot[n]], np.int64) for n in nodes])
 
 
-def _add_weaves(yarns, material, near, spacing=1.0, pinned=True):
+def _add_weaves(yarns, material, near, spacing=1.0, pinned=True, crimp=False):
     """Add two weaves of four yarns; those of the second lie `near` and far from those of the first that they follow."""
     warp, weft = (
         [[yarns.yarn(material, 2.0, 1.0, fabric, obstacle_distance=0.25) for _ in range(2)] for fabric in range(2)]
@@ -183,7 +183,7 @@ def _add_weaves(yarns, material, near, spacing=1.0, pinned=True):
                 if a > b or (a == b and (i + j) % 2):
                     below_u_above_v = below_u_above_v[2:] + below_u_above_v[:2]
                 kind = PointKind.CROSSING if a == b else PointKind.CONTACT
-                yarns.crossing(*below_u_above_v, [x, y, 0.0], UP, friction=0.3, kind=kind)
+                yarns.crossing(*below_u_above_v, [x, y, 0.0], UP, friction=0.3, kind=kind, crimp=crimp and a == b)
 
 
 def _add_rods(yarns, material):

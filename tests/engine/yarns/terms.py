@@ -29,6 +29,7 @@ class Term:
     silence: Callable[[IncrementalPotential], None]  # takes the energy out of a potential
     left_out: Callable[[IncrementalPotential, Floats, Floats, Floats], None] | None = None  # adds to the full matrix
     internal: bool = False  # exerts no force on the yarns as a whole
+    on_centre_lines: bool = False  # acts where yarns with crimp have their centres, not at points
 
 
 def unconstrained(potential: IncrementalPotential) -> IncrementalPotential:
@@ -135,7 +136,7 @@ def buckling_across(p, x, u, full):
         a, b = c.before[i], c.after[i]
         if a < 0 or b < 0:
             continue
-        xa, xi, xb = x[m.node_point[[a, i, b]]]
+        xa, xi, xb = p.centre_lines.through(x)[p.centre_lines.place[[a, i, b]]]
         la, lb = np.linalg.norm(xi - xa), np.linalg.norm(xb - xi)
         cross = np.cross((xi - xa) / la, (xb - xi) / lb)
         cosine, sine = (xi - xa) @ (xb - xi) / (la * lb), np.linalg.norm(cross)
@@ -168,8 +169,8 @@ def segments(chain: Chain) -> Iterator[tuple[int, int]]:
 
 TERMS = [
     Term("inertia", without_mass, left_out=change_of_mass),
-    Term("stretch", without_stretch, internal=True),
-    Term("bending", without_bending, left_out=buckling_across, internal=True),
+    Term("stretch", without_stretch, internal=True, on_centre_lines=True),
+    Term("bending", without_bending, left_out=buckling_across, internal=True, on_centre_lines=True),
     Term("shear", without_shear, internal=True),
     Term("parallel contact", without_parallel_contact, internal=True),
     Term("contact", without_contact, internal=True),
