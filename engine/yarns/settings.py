@@ -25,3 +25,4 @@ class YarnSettings:
     optimal_transition: bool = False  # move u at transitions as Appendix A of Sánchez-Banderas 2020 says
     separation_steps: int = 3  # successive pulling steps after which a contact between fabrics is removed
     separation_force: float = 1.0  # pull that counts as pulling, in weights of a rest segment
+    dynamic_contacts: bool = False  # contacts between fabrics begin where yarns would pass through each other
