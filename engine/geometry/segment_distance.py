@@ -43,9 +43,9 @@ def walk_to_nearest(first, second, x, i, j):
     """Return where two lines come nearest, found downhill from their segments i and j.
 
     Lines run through the places x [P, 3] of the points `first` [m] and `second` [n]. From a pair of segments whose nearest
-    places are at an end, the walk goes on to the neighbour there, as long as that is nearer: for lines that bend little
-    it ends at the nearest places of all, in about as many turns as segments are passed. Returns both segments, the share
-    of each, and the squared distance.
+    places are at an end, the walk goes on to the neighbour there, as long as that is nearer. For lines that are nearer to
+    each other than they are curved, it ends at the nearest places of all, in about as many turns as segments are passed.
+    Returns both segments, the share of each, and the squared distance.
     """
     s, t, square = nearest_on_segments(x[first[i]], x[first[i + 1]], x[second[j]], x[second[j + 1]])
     while True:

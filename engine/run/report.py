@@ -14,7 +14,8 @@ def make_report(
     """Return the report of a run.
 
     `simulated` is the time reached [s]; `applies` names the optional keys that make sense for the scene
-    (`contacts_added`, `contacts_removed`, `contact_gap_max`, `addition_gap_max`, `penetration_max`); `reason` says why a failed job failed.
+    (`contacts_added`, `contacts_removed`, `contact_gap_max`, `addition_gap_max`, `penetration_max`); `reason` says why a
+    failed job failed.
     """
     report: dict = {"strandline": 1, "scene": name, "state": state}
     if reason is not None:
