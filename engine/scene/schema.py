@@ -76,7 +76,8 @@ class Step(Part):
     separation_steps: Annotated[int, Field(ge=1, le=1000)] = YarnSettings.separation_steps
     """Successive steps of pulling after which a contact between fabrics is removed."""
     separation_force: NotNegative = YarnSettings.separation_force
-    """Pull that counts as pulling, in weights of a rest segment."""
+    """Pull that counts as pulling, in weights of a rest segment or, where that is more, thousandths of the largest tension:
+    layers under tension are not flatter than that."""
     dynamic_contacts: bool = YarnSettings.dynamic_contacts
     """Let contacts of `contacts` that have ended, or lie within their `reach`, begin where yarns would pass through each
     other."""

@@ -20,7 +20,6 @@ from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, assign, chain_of
 
 NEARLY = 100.0  # times the tolerance: from this residual on, multipliers are worth an update
-NOISE = 10.0  # times the residual that is tolerated: what contact forces are not known better than
 
 
 class YarnStepper:
@@ -152,7 +151,7 @@ class YarnStepper:
         self, start: YarnState, potential: IncrementalPotential, x: Floats, u: Floats, h: float, report: StepReport,
         scale: float,
     ) -> None:
-        """Take (x, u) as the end of the step: velocity, friction, normal forces; `scale` is that of the residual force [N]."""
+        """Take (x, u) as the end of the step: velocity, friction, normal forces; `scale` is that of forces [N]."""
         m, c, s = self.model, potential.chain, self.settings
         at = m.node_point
         contact.place_eil(potential.interpolated, m.point_nodes, c.before, c.after, at, x, u)
@@ -171,7 +170,7 @@ class YarnStepper:
             m.point_kind, m.point_nodes, m.side, start.active, c.before, c.after, at, m.node_yarn, m.radius,
             m.rest_segment, m.bending_stiffness, m.stretch_stiffness, start.contact_force, x, u,
             start.normal_force)
-        pulling = start.normal_force < -max(s.separation_force * self.weight, NOISE * s.tolerance * scale)
+        pulling = start.normal_force < -s.separation_force * scale
         start.pulling_steps = np.where(pulling, start.pulling_steps + 1, 0)
         untouched = np.ones(m.point_count, np.bool_)
         untouched[potential.touching] = False

@@ -23,7 +23,7 @@ LIFTED, LANDED = 0.02, 0.12  # the layer is pulled up to here, and has come to r
 SPEED = 0.4  # at which layers in flight approach each other [m/s]
 APART = 0.4  # by which they are apart at first [radii]
 REACH = 4 * SPACING  # beyond their ends, in which yarns of the sliding layer come to touch others
-LIMP = 0.03  # times the stiffness in bending of the thick cotton, so that the ends of yarns hang
+LIMP = 0.04  # times the stiffness in bending of the thick cotton, so that the ends of yarns hang
 
 TIGHT = 1e-6  # tolerance of residual forces in flight, whose sum is what momentum changes by
 
