@@ -87,7 +87,8 @@ def _touching_families(contact: Contact, lower: Weave, upper: Weave) -> Iterator
     for a, below in enumerate(lower.families):
         for b, above in enumerate(upper.families):
             if abs(sine_of_angle(below.lines, above.lines, lower.normal)) >= least:
-                yield a, b, cross_in_plan(*(f.lines.longer(contact.reach) for f in (below, above)), lower.normal)
+                lines = below.lines.longer(contact.reach), above.lines.longer(contact.reach)
+                yield a, b, cross_in_plan(*lines, lower.normal)
 
 
 def _sewn(seams: Sequence[Seam], upper: Weave, x: Floats) -> Flags:
