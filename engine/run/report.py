@@ -14,13 +14,14 @@ def make_report(
     """Return the report of a run.
 
     `simulated` is the time reached [s]; `applies` names the optional keys that make sense for the scene
-    (`contact_gap_max`, `penetration_max`); `reason` says why a failed job failed.
+    (`contacts_added`, `contacts_removed`, `contact_gap_max`, `addition_gap_max`, `penetration_max`); `reason` says why a
+    failed job failed.
     """
     report: dict = {"strandline": 1, "scene": name, "state": state}
     if reason is not None:
         report["reason"] = reason
     return report | {
-        "counts": _counts(statistics),
+        "counts": _counts(statistics, applies),
         "time": _time(simulated, limits, statistics),
         "memory_peak_bytes": memory_peak(),
         "error": _error(statistics, applies),
@@ -28,10 +29,11 @@ def make_report(
     }
 
 
-def _counts(statistics: Statistics) -> dict[str, int]:
-    """Node counts: what never changes by its name, what does as the largest."""
+def _counts(statistics: Statistics, applies: set[str]) -> dict[str, int]:
+    """Node counts: what never changes by its name, what does as the largest; contacts that began and ended in all."""
     changing = {"eol_inter", "eil", "contacts", "collisions"}
-    return {f"{name}_max" if name in changing else name: count for name, count in statistics.counts.items()}
+    counts = {f"{name}_max" if name in changing else name: count for name, count in statistics.counts.items()}
+    return counts | {name: getattr(statistics, name) for name in ("contacts_added", "contacts_removed") if name in applies}
 
 
 def _time(simulated: float, limits: StepLimits, statistics: Statistics) -> dict:
@@ -58,7 +60,7 @@ def _error(statistics: Statistics, applies: set[str]) -> dict:
         error["newton_residual_max"] = statistics.residual_max
         error["newton_iterations"] = _median_and_max(statistics.newton_iterations)
         error["linear_iterations"] = _median_and_max(statistics.linear_iterations)
-        for name in ("contact_gap_max", "penetration_max"):
+        for name in ("contact_gap_max", "addition_gap_max", "penetration_max"):
             if name in applies:
                 error[name] = getattr(statistics, name)
     if statistics.momentum_scale > 0:

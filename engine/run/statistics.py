@@ -33,6 +33,9 @@ class Statistics:
     residual_max: float = 0.0
     contact_gap_max: float = 0.0  # [radii]
     penetration_max: float = 0.0  # [radii]
+    contacts_added: int = 0
+    contacts_removed: int = 0
+    addition_gap_max: float = 0.0  # [radii]
     counts: dict[str, int] = field(default_factory=dict)  # largest of each kind of node
     stages: dict[str, float] = field(default_factory=dict)  # seconds in steps without compilation
     compile_s: float = 0.0
@@ -61,6 +64,9 @@ class Statistics:
         self.residual_max = max(self.residual_max, float(report.residual))
         self.contact_gap_max = max(self.contact_gap_max, float(report.contact_gap))
         self.penetration_max = max(self.penetration_max, float(report.penetration))
+        self.contacts_added += report.added
+        self.contacts_removed += report.removed
+        self.addition_gap_max = max(self.addition_gap_max, float(report.addition_gap))
 
     def counted(self, counts: dict[str, int]) -> None:
         """Add the node counts after a step."""

@@ -26,6 +26,10 @@ class YarnsInMotion:
         contacts = bool(np.any(model.point_nodes[:, 1] >= 0))
         obstacles = len(built.obstacles.kind) > 0
         self.report_keys = {"contact_gap_max"} if contacts else set()
+        if np.any(model.point_kind == PointKind.CONTACT):
+            self.report_keys |= {"contacts_removed"}
+            if built.settings.dynamic_contacts:
+                self.report_keys |= {"contacts_added", "addition_gap_max"}
         if obstacles:
             self.report_keys.add("penetration_max")
         unheld = bool(np.all(model.free_directions == np.eye(3))) and not np.any(model.kinematic) and not obstacles

@@ -1,6 +1,6 @@
 """Straight parallel yarns, and where they cross in plan view."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,10 @@ class Lines:
     def pitch(self) -> float:
         """Distance of neighbouring lines [m]."""
         return float(np.linalg.norm(self.step))
+
+    def longer(self, reach: float) -> "Lines":
+        """Return the same lines with `reach` [m] more at both ends."""
+        return replace(self, start=self.start - reach * self.along, length=self.length + 2.0 * reach)
 
     def at(self, line: Ints, distance: Floats) -> Floats:
         """Return the places at `distance` [n] from the start of each `line` [n], shape [n, 3] [m]."""

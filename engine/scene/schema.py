@@ -76,7 +76,11 @@ class Step(Part):
     separation_steps: Annotated[int, Field(ge=1, le=1000)] = YarnSettings.separation_steps
     """Successive steps of pulling after which a contact between fabrics is removed."""
     separation_force: NotNegative = YarnSettings.separation_force
-    """Pull that counts as pulling, in weights of a rest segment."""
+    """Pull that counts as pulling, in weights of a rest segment or, where that is more, thousandths of the largest tension:
+    layers under tension are not flatter than that."""
+    dynamic_contacts: bool = YarnSettings.dynamic_contacts
+    """Let contacts of `contacts` that have ended, or lie within their `reach`, begin where yarns would pass through each
+    other."""
 
 
 class Hold(Part):
@@ -236,6 +240,8 @@ class Contact(Part):
     friction: Friction = 0.5
     min_angle: Annotated[float, Field(ge=1, le=90)] = 45.0
     """Yarns touch where they cross at this angle at least."""
+    reach: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    """Yarns that would cross if they were longer by this [m] at both ends may come to touch, with `step.dynamic_contacts`."""
     seams: Few[Seam] = ()
     """Where the two are sewn together: yarns that touch there never slide nor part."""
 

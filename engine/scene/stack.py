@@ -14,6 +14,7 @@ from engine.yarns.assembly import YarnAssembly
 from engine.yarns.model import PointKind
 
 COUNTED = 8_000_000  # crossings of two grids that are looked at one by one
+ROUND_OFF = 1e-9  # spacings: yarns that lack so little to touch do
 _EDGES = {"left": (0, -1.0), "right": (0, 1.0), "bottom": (1, -1.0), "top": (1, 1.0)}  # axis across it, and its side
 
 
@@ -49,16 +50,20 @@ class Touches:
     u: Floats  # place on it [m], shape [n]
     above: Ints
     v: Floats
+    apart: Flags  # they would do so if they were longer; u and v are at their ends, shape [n]
 
 
 def touches(contact: Contact, lower: Weave, upper: Weave) -> Iterator[Touches]:
-    """Yield where yarns of two patches touch, one pair of families after the other."""
+    """Yield where yarns of two patches touch, or may come to, one pair of families after the other."""
     for a, b, crossings in _touching_families(contact, lower, upper):
         i, j = crossings.lines()
         u, v = crossings.distances(i, j)
-        (below, u), (above, v) = lower.families[a].find(i, u), upper.families[b].find(j, v)
+        round_off = ROUND_OFF * lower.families[a].spacing
+        below, u, far_below = lower.families[a].find_near(i, u - contact.reach, contact.reach + round_off)
+        above, v, far_above = upper.families[b].find_near(j, v - contact.reach, contact.reach + round_off)
         both = (below >= 0) & (above >= 0)
-        yield Touches((a, b), below[both], u[both], above[both], v[both])
+        apart = np.maximum(far_below, far_above) > round_off
+        yield Touches((a, b), below[both], u[both], above[both], v[both], apart[both])
 
 
 def add_contacts(
@@ -70,9 +75,10 @@ def add_contacts(
         x = lower.families[a].at(touch.below, touch.u)
         below = first_lower + a * lower.warps.count + touch.below
         above = first_upper + b * upper.warps.count + touch.above
-        sewn = _sewn(contact.seams, upper, x)
+        sewn = _sewn(contact.seams, upper, x) & ~touch.apart
         for at, kind in ((~sewn, PointKind.CONTACT), (sewn, PointKind.STITCH)):
-            assembly.crossings(below[at], touch.u[at], above[at], touch.v[at], x[at], lower.normal, contact.friction, kind)
+            assembly.crossings(below[at], touch.u[at], above[at], touch.v[at], x[at], lower.normal, contact.friction, kind,
+                               active=~touch.apart[at])
 
 
 def _touching_families(contact: Contact, lower: Weave, upper: Weave) -> Iterator[tuple[int, int, PlanCrossings]]:
@@ -81,7 +87,8 @@ def _touching_families(contact: Contact, lower: Weave, upper: Weave) -> Iterator
     for a, below in enumerate(lower.families):
         for b, above in enumerate(upper.families):
             if abs(sine_of_angle(below.lines, above.lines, lower.normal)) >= least:
-                yield a, b, cross_in_plan(below.lines, above.lines, lower.normal)
+                lines = below.lines.longer(contact.reach), above.lines.longer(contact.reach)
+                yield a, b, cross_in_plan(*lines, lower.normal)
 
 
 def _sewn(seams: Sequence[Seam], upper: Weave, x: Floats) -> Flags:

@@ -35,12 +35,22 @@ class Family:
 
     def find(self, line: Ints, distance: Floats) -> tuple[Ints, Floats]:
         """Return the yarn at `distance` [n] from the start of each `line` [n], -1 where there is none, and its u [m]."""
-        distance = np.clip(distance, 0.0, self.lines.length)
+        yarn, u, _ = self.find_near(line, np.clip(distance, 0.0, self.lines.length), 0.0)
+        return yarn, u
+
+    def find_near(self, line: Ints, distance: Floats, reach: float) -> tuple[Ints, Floats, Floats]:
+        """Return the yarn nearest to `distance` [n] from the start of each `line` [n], and u of its nearest place.
+
+        Returns besides how far beyond its ends that is [m], shape [n]. Where that is more than `reach` [m], it is -1.
+        """
         # complex numbers sort by the line first, then along it
-        yarn = np.searchsorted(self.pieces.line + 1j * self.pieces.low, line + 1j * distance, side="right") - 1
-        u = distance - self.pieces.low[yarn]
-        there = (self.pieces.line[yarn] == line) & (0.0 <= u) & (u <= self.lengths[yarn])
-        return np.where(there, yarn, -1), u
+        behind = np.searchsorted(self.pieces.line + 1j * self.pieces.low, line + 1j * distance, side="right")
+        yarn = np.clip(behind - [[1], [0]], 0, self.count - 1)  # the one that begins before, and the one after it
+        place = distance - self.pieces.low[yarn]
+        u = np.clip(place, 0.0, self.lengths[yarn])
+        beyond = np.where(self.pieces.line[yarn] == line, np.abs(place - u), np.inf)
+        nearer = beyond.argmin(axis=0), np.arange(len(line))
+        return np.where(beyond[nearer] <= reach, yarn[nearer], -1), u[nearer], beyond[nearer]
 
 
 @dataclass(frozen=True)

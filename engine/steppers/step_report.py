@@ -20,6 +20,8 @@ class StepReport:
     penetration: float = 0.0  # deepest centre line inside an obstacle, in yarn radii
     collisions: int = 0  # pairs of spheres of a yarn or two that press on each other
     removed: int = 0  # contacts removed at the end of the step
+    added: int = 0  # contacts between fabrics that begin at the end of the step
+    addition_gap: float = 0.0  # the widest gap with which one of them begins, in yarn radii
     stages: dict[str, float] = field(default_factory=dict)  # seconds
 
 

@@ -12,7 +12,7 @@ from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.line_search import line_search, longest_update
 from engine.steppers.newton_system import NewtonSystem
 from engine.steppers.step_report import StepReport, Stopwatch
-from engine.yarns import contact, friction, friction_circle, inertia, normal_force, transition
+from engine.yarns import addition, contact, friction, friction_circle, inertia, normal_force, transition
 from engine.yarns.handles import Handles
 from engine.yarns.model import YarnModel, YarnState
 from engine.yarns.removal import parted, remove
@@ -81,7 +81,13 @@ class YarnStepper:
             report.collisions, passed = pressing(colliding.point, colliding.weight, colliding.rest, start.x, x)
             if passed:
                 return rejected(report, watch, "yarns passed through each other")
-        self.commit(state, start, potential, x, u, h, report)
+        self.end(start, potential, x, u, h, report, scale)
+        watch.lap("commit")
+        if self.settings.dynamic_contacts:
+            self.add_contacts(start, h, report)
+            watch.lap("add")
+        self.remove_contacts(start, report)
+        vars(state).update(vars(start))
         watch.lap("commit")
         report.accepted, report.stages = True, watch.laps
         return report
@@ -142,11 +148,11 @@ class YarnStepper:
         """Return the largest of the gaps [n, 3] at `points`, in yarn radii."""
         return float((np.linalg.norm(gap, axis=1) / self.radius[points]).max(initial=0.0))
 
-    def commit(
-        self, state: YarnState, start: YarnState, potential: IncrementalPotential, x: Floats, u: Floats, h: float,
-        report: StepReport,
+    def end(
+        self, start: YarnState, potential: IncrementalPotential, x: Floats, u: Floats, h: float, report: StepReport,
+        scale: float,
     ) -> None:
-        """Take (x, u) as the end of the step: velocity, friction, normal forces, contacts that ended."""
+        """Take (x, u) as the end of the step: velocity, friction, normal forces; `scale` is that of forces [N]."""
         m, c, s = self.model, potential.chain, self.settings
         at = m.node_point
         contact.place_eil(potential.interpolated, m.point_nodes, c.before, c.after, at, x, u)
@@ -165,7 +171,7 @@ class YarnStepper:
             m.point_kind, m.point_nodes, m.side, start.active, c.before, c.after, at, m.node_yarn, m.radius,
             m.rest_segment, m.bending_stiffness, m.stretch_stiffness, m.height, start.contact_force, x, u,
             start.normal_force)
-        pulling = start.normal_force < -s.separation_force * self.weight
+        pulling = start.normal_force < -s.separation_force * scale
         start.pulling_steps = np.where(pulling, start.pulling_steps + 1, 0)
         untouched = np.ones(m.point_count, np.bool_)
         untouched[potential.touching] = False
@@ -178,13 +184,24 @@ class YarnStepper:
             report.penetration = deepest / float(self.radius[potential.touching].min())
 
         start.x, start.u = x, u
-        ended = parted(m, start, s.separation_steps)
+
+    def add_contacts(self, state: YarnState, h: float, report: StepReport) -> None:
+        """Let contacts begin where yarns would pass through each other."""
+        coming = addition.approach(self.model, state, chain_of(self.model, state.order, state.eil, state.active))
+        begin = addition.meeting(self.model, coming, h)
+        if begin.any():
+            addition.add(self.model, state, coming, begin)
+            report.added = int(begin.sum())
+            report.addition_gap = self.largest_gap(coming.points[begin], coming.between[begin])
+
+    def remove_contacts(self, state: YarnState, report: StepReport) -> None:
+        """Take contacts that ended out of use."""
+        ended = parted(self.model, state, self.settings.separation_steps)
         if len(ended):
-            remove(m, start, ended)
+            remove(self.model, state, ended)
             if self.collisions is not None:
-                start.parting[ended] = m.point_nodes[ended, 1] >= 0
+                state.parting[ended] = self.model.point_nodes[ended, 1] >= 0
             report.removed = len(ended)
-        vars(state).update(vars(start))
 
 
 def rejected(report: StepReport, watch: Stopwatch, reason: str) -> StepReport:

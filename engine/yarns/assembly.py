@@ -78,12 +78,15 @@ class YarnAssembly:
     def crossings(
         self, below: ArrayLike, u: ArrayLike, above: ArrayLike, v: ArrayLike, x: Floats, up: ArrayLike,
         friction: float = 0.0, kind: PointKind = PointKind.CROSSING, pinned: ArrayLike = False,
-        handle: ArrayLike = -1, crimp: bool = False,
+        handle: ArrayLike = -1, crimp: bool = False, active: ArrayLike = True,
     ) -> Ints:
-        """Add places at `x` [n, 3] where yarns touch, all of one `kind`; returns their points [n]."""
+        """Add places at `x` [n, 3] where yarns touch, or may come to do so if not `active`, all of one `kind`.
+
+        Returns their points [n].
+        """
         sewn = kind == PointKind.STITCH
         return self._add(kind, x, [(below, u, sewn), (above, v, sewn)], up=up, friction=friction, pinned=pinned,
-                         handle=handle, crimp=crimp)
+                         handle=handle, crimp=crimp, active=active)
 
     def eyelet(self, yarn: int, u: float, x: Floats, friction: float = 0.0, handle: int = -1) -> int:
         """Add a fixed place that the yarn slides through; returns its point."""
@@ -103,13 +106,14 @@ class YarnAssembly:
 
     def _add(
         self, kind, x, nodes, up=(0.0, 0.0, 1.0), friction=0.0, pinned=False, free_directions=None, handle=-1, crimp=False,
+        active=True,
     ):
         """Add points at `x`, each with one or two nodes (yarn, u, u is fixed); everything else broadcasts."""
         x = np.asarray(x, float).reshape(-1, 3)
         point = self.point_count + np.arange(len(x))
         if free_directions is None:
             free_directions = np.where(np.asarray(pinned)[..., None, None], np.zeros((3, 3)), np.eye(3))
-        constants = dict(kind=int(kind), friction=float(friction), handle=handle, crimp=crimp)
+        constants = dict(kind=int(kind), friction=float(friction), handle=handle, crimp=crimp, active=active)
         self.points.append(dict(
             x=x, up=np.broadcast_to(up, x.shape), free_directions=np.broadcast_to(free_directions, (len(x), 3, 3)),
             **{name: np.broadcast_to(value, len(x)) for name, value in constants.items()},
@@ -149,7 +153,7 @@ class YarnAssembly:
             height=np.where(point["crimp"][node_point], (2 * node_slot - 1) * yarn_values("radius")[node_yarn], 0.0),
             point_kind=point["kind"].astype(np.int64),
             point_nodes=point_nodes,
-            side=_sides(point["up"], point_nodes, self._tangents(x[node_point], u, node_start)),
+            side=_sides(point["up"], point_nodes, self._tangents(x[node_point], u, point["active"][node_point], node_start)),
             friction=point["friction"],
             free_directions=point["free_directions"],
             handle=point["handle"].astype(np.int64),
@@ -157,7 +161,7 @@ class YarnAssembly:
         points, nodes = model.point_count, model.node_count
         state = YarnState(
             x=x, u=u, x_rate=np.zeros((points, 3)), u_rate=np.zeros(nodes), velocity=np.zeros((nodes, 2, 3)),
-            order=np.arange(nodes, dtype=np.int64), eil=np.zeros(nodes, np.bool_), active=np.ones(points, np.bool_),
+            order=np.arange(nodes, dtype=np.int64), eil=np.zeros(nodes, np.bool_), active=point["active"].copy(),
             parting=np.zeros(points, np.bool_),
             anchor=u.copy(), normal_force=np.zeros(points), contact_force=np.zeros((points, 3)), gap=np.zeros((points, 3)),
             gap_offset=np.zeros((points, 3)),
@@ -179,16 +183,17 @@ class YarnAssembly:
         state.normal_force = normal_force.at_rest(model, state, chain_of(model, state.order, state.eil, state.active))
         return model, state
 
-    def _tangents(self, x, u, node_start):
-        """Direction of the yarn at every node, of any length, shape [N, 3]."""
+    def _tangents(self, x, u, active, node_start):
+        """Direction of the yarn at every node, of any length, shape [N, 3]; only nodes in use tell it."""
         tangent = np.zeros((len(u), 3))
         for yarn, first, last in zip(self.yarns, node_start[:-1], node_start[1:], strict=True):
-            if last - first > 1:
+            own = first + np.flatnonzero(active[first:last])
+            if len(own) > 1:
                 # ends of a node's neighbourhood at least a tenth of a rest segment away: nodes may coincide
                 here, reach = u[first:last], 0.1 * yarn["rest_segment"]
-                before = np.maximum(np.searchsorted(here, here - reach, side="right") - 1, 0)
-                after = np.minimum(np.searchsorted(here, here + reach, side="left"), last - first - 1)
-                span = x[first + after] - x[first + before]
+                before = np.maximum(np.searchsorted(u[own], here - reach, side="right") - 1, 0)
+                after = np.minimum(np.searchsorted(u[own], here + reach, side="left"), len(own) - 1)
+                span = x[own[after]] - x[own[before]]
                 chord = x[last - 1] - x[first]
                 tangent[first:last] = np.where(span.any(axis=1, keepdims=True), span, chord)
         return tangent

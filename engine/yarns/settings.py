@@ -24,4 +24,5 @@ class YarnSettings:
     eil: bool = True  # replace offending EoL nodes; off only to show what then fails
     optimal_transition: bool = False  # move u at transitions as Appendix A of Sánchez-Banderas 2020 says
     separation_steps: int = 3  # successive pulling steps after which a contact between fabrics is removed
-    separation_force: float = 1.0  # pull that counts as pulling, in weights of a rest segment
+    separation_force: float = 1.0  # pull that counts as pulling, in weights of a rest segment or 1/1000 of the largest tension
+    dynamic_contacts: bool = False  # contacts between fabrics begin where yarns would pass through each other

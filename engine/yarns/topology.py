@@ -9,6 +9,8 @@ from engine.arrays import Flags, Floats, Ints
 from engine.yarns.crimp import centre_lines
 from engine.yarns.model import PointKind, YarnModel, YarnState
 
+OPEN = 0.01  # radii: contacts with a wider gap have not met yet
+
 
 @dataclass
 class Chain:
@@ -28,13 +30,14 @@ def assign(model: YarnModel, state: YarnState, safety_distance: float, h: float)
 
     Beyond the paper, of two contacts the one becomes EIL whose yarn is straighter there, since that moves its yarn least;
     one that is EIL stays so. A discretisation point that nothing holds gives way to a contact that comes close: it rests
-    on the segment until the contact has passed.
+    on the segment until the contact has passed. A contact that has just begun stays EIL until its yarns have met: as EoL
+    node it would move them there at once.
     """
     kink = kinks(model, state, chain_of(model, state.order, state.eil, state.active))
     # in whole millionths of a radius, so that round-off does not decide between straight yarns
     kink = np.round(kink / (1e-6 * model.radius[model.node_yarn]))
-    _assign(model.node_start, model.rest_segment, model.kinematic, model.node_point, standing(model), kink, state.active,
-            state.u, state.u_rate, h, safety_distance, state.order, state.eil)
+    _assign(model.node_start, model.rest_segment, model.kinematic, model.node_point, standing(model), kink, _open(model, state),
+            state.active, state.u, state.u_rate, h, safety_distance, state.order, state.eil)
 
 
 def standing(model: YarnModel) -> Ints:
@@ -48,6 +51,12 @@ def standing(model: YarnModel) -> Ints:
     free = (model.free_directions == np.eye(3)).all(axis=(1, 2)) & (model.point_kind == PointKind.LAGRANGIAN)
     gives_way = inside & free[model.node_point] & ~model.kinematic[model.node_yarn]
     return np.where(gives_way, 0, np.where(model.u_fixed, 2, 1))
+
+
+def _open(model: YarnModel, state: YarnState) -> Flags:
+    """EIL nodes of contacts between fabrics whose gap is still open, shape [N]."""
+    wide = np.linalg.norm(state.gap, axis=1) > OPEN * model.radius[model.node_yarn[model.point_nodes[:, 0]]]
+    return state.eil & (wide & (model.point_kind == PointKind.CONTACT))[model.node_point]
 
 
 def kinks(model: YarnModel, state: YarnState, chain: Chain) -> Floats:
@@ -75,7 +84,8 @@ def chain_of(model: YarnModel, order: Ints, eil: Flags, active: Flags) -> Chain:
 
 
 @njit(cache=True)
-def _assign(node_start, rest_segment, kinematic, node_point, standing, kink, active, u, u_rate, h, safety_distance, order, eil):
+def _assign(node_start, rest_segment, kinematic, node_point, standing, kink, open_gap, active, u, u_rate, h, safety_distance,
+            order, eil):
     for y in range(len(rest_segment)):
         nodes = order[node_start[y] : node_start[y + 1]]
         for a in range(1, len(nodes)):  # insertion sort: stable, and linear on what is nearly sorted
@@ -94,6 +104,9 @@ def _assign(node_start, rest_segment, kinematic, node_point, standing, kink, act
                 continue
             if kinematic[y]:
                 eil[node] = standing[node] < 2
+                continue
+            if open_gap[node]:
+                eil[node] = True
                 continue
             while last >= 0 and _apart(u, u_rate, nodes[last], node, h) < distance:
                 gives_way = standing[node] < standing[nodes[last]] or (

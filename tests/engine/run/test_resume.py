@@ -15,12 +15,12 @@ from engine.scene.load import load_scene
 ROOT = Path(__file__).resolve().parents[3]
 PATCH = {"material": "cotton-fine", "spacing": 0.01, "friction": 0.3}
 SLIDING_PATCHES = {
-    "strandline": 1, "name": "sliding patches", "duration": 0.05, "fps": 200,
+    "strandline": 1, "name": "sliding patches", "duration": 0.05, "fps": 200, "step": {"dynamic_contacts": True},
     "fabrics": [
         PATCH | {"name": "lower", "warps": 6, "wefts": 6, "pins": "corners"},
         PATCH | {"name": "upper", "warps": 5, "wefts": 5, "rotation": [0, 0, 20]},
     ],
-    "contacts": [{"lower": "lower", "upper": "upper", "friction": 0.2}],
+    "contacts": [{"lower": "lower", "upper": "upper", "friction": 0.2, "reach": 0.02}],
     "output": {"checkpoint_every": 1},
 }
 

@@ -100,6 +100,16 @@ def test_frames_are_at_their_times_and_the_report_has_what_applies(spring, tmp_p
         "scene.json", "job.json", "frames", "trajectory.h5", "checkpoint.h5", "report.json", "log.jsonl"}
 
 
+def test_contacts_that_begin_and_end_are_added_up(spring, tmp_path):
+    made = spring()
+    made.report_keys = {"contacts_added", "contacts_removed", "addition_gap_max"}
+    changes = iter([dict(added=3, addition_gap=0.2), dict(added=1, removed=2)])
+    made.step = lambda time, h: StepReport(accepted=True, residual=0.0, **next(changes, {}))
+    report = run(scene(), tmp_path)
+    assert (report["counts"]["contacts_added"], report["counts"]["contacts_removed"]) == (4, 2)
+    assert report["error"]["addition_gap_max"] == 0.2
+
+
 def test_rejected_steps_are_halved_and_grow_back(spring, tmp_path):
     taken = spring(lambda time: 0.3e-3 if 0.02 < time < 0.03 else np.inf).taken
     report = run(scene(), tmp_path)

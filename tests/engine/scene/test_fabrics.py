@@ -107,6 +107,23 @@ def test_holds_follow_an_outline():
     assert held_at(made, 1) == [[-0.015, -0.01], [-0.005, 0.01], [0.005, 0.01], [0.015, -0.01]]
 
 
+def test_yarns_within_reach_may_come_to_touch():
+    fabrics = [cloth("a", warps=4, wefts=4, spacing=0.01), cloth("b", warps=3, wefts=3, spacing=0.01, position=[0.021, 0.003, 0])]
+    contact = {"lower": "a", "upper": "b"}
+    near = built(fabrics=fabrics, contacts=[contact])
+    made = built(fabrics=fabrics, contacts=[contact | {"reach": 0.0105}])
+    waiting = np.flatnonzero(~made.state.active)
+    assert made.state.active.sum() == near.state.active.sum() and near.state.active.all()
+    assert (made.yarns.point_kind[waiting] == PointKind.CONTACT).all()
+    # along x, the second warp of b lies behind all wefts of a, and the third warp of a before all wefts of b; along y, the
+    # first weft of a lies before the warps of b, of which the first crosses it within its ends
+    assert len(waiting) == 4 + 3 + 1
+    np.testing.assert_array_equal(made.yarns.side[made.state.active], near.yarns.side)
+    nodes = made.yarns.point_nodes[waiting]
+    length = made.yarns.length[made.yarns.node_yarn[nodes]]
+    assert ((made.state.u[nodes] == 0.0) | (made.state.u[nodes] == length)).any(axis=1).all()
+
+
 def test_contacts_at_any_angle_are_counted_without_looking_at_each():
     fabrics = [cloth("a", warps=600, wefts=600, spacing=0.001),
                cloth("b", warps=420, wefts=420, spacing=[0.0011, 0.0009], rotation=[0, 0, 20])]

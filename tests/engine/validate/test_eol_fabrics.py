@@ -10,7 +10,7 @@ from engine.validate import catalogue, eol_cross, eol_degenerate, eol_fabrics, e
 from engine.validate.eol_march import March
 from engine.yarns.model import PointKind
 
-AT_THEIR_BAR = ("eol-incline", "eol-cross", "eol-degenerate", "eol-separate")
+AT_THEIR_BAR = ("eol-incline", "eol-cross", "eol-degenerate", "eol-separate", "yarn-recontact")
 
 
 @pytest.mark.parametrize("id", AT_THEIR_BAR)
