@@ -6,6 +6,8 @@ to a local preconditioner. Stiff woven cloth is stretched over hundreds of yarns
 270 iterations there, with patches of 4 yarns 34, of 8 yarns 66, of 12 yarns 92, and translations alone would need 115.
 """
 
+from itertools import pairwise
+
 import numpy as np
 from numba import njit, prange
 from scipy.sparse import csc_array
@@ -88,7 +90,7 @@ def _patches(place: Floats, edge: float) -> Ints:
 def _modes(place: Floats, rows: Ints, start: Ints, edge: float) -> Floats:
     """Values of the scalar modes at every row, shape [n, 3]: one, and two coordinates about the patch's middle."""
     mode = np.ones((len(place), MODES))
-    for first, last in zip(start[:-1], start[1:], strict=True):
+    for first, last in pairwise(start):
         inside = rows[first:last]
         away = (place[inside] - place[inside].mean(axis=0)) / edge
         _, directions = np.linalg.eigh(away.T @ away)

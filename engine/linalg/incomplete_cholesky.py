@@ -10,7 +10,7 @@ from engine.linalg.block_matrix import BLOCK, BlockMatrix
 
 FIRST_SHIFT = 1e-3
 LARGEST_SHIFT = 1.0
-LEAST_PIVOT = 1e-6  # of the original diagonal: less is lost to round-off of single precision
+LEAST_PIVOT = 10.0  # round-offs of the original diagonal: less is none of a pivot that was positive
 
 
 @dataclass
@@ -46,11 +46,11 @@ def factorise(factor: IncompleteCholesky) -> bool:
     growing shift.
     """
     a = factor.matrix
-    factor.shift = 0.0
+    factor.shift, least = 0.0, a.block.dtype.type(LEAST_PIVOT * np.finfo(a.block.dtype).eps)
     failed = np.zeros(len(a.strips.start) - 1, np.bool_)
     while True:
         _factorise(a.strips.start, a.strips.reds, a.start, a.column, a.diagonal, a.block, a.block.dtype.type(factor.shift),
-                   factor.start, factor.lower, factor.inverse, failed)
+                   least, factor.start, factor.lower, factor.inverse, failed)
         if not failed.any():
             return True
         factor.shift = max(FIRST_SHIFT, 4.0 * factor.shift)
@@ -59,17 +59,17 @@ def factorise(factor: IncompleteCholesky) -> bool:
 
 
 @njit(cache=True, parallel=True)
-def _factorise(strip, reds, start, column, diagonal, block, shift, lower_start, lower, inverse, failed):
+def _factorise(strip, reds, start, column, diagonal, block, shift, least, lower_start, lower, inverse, failed):
     for s in prange(reds):
         failed[s] = not _factorise_rows(
-            strip[s], strip[s + 1], start, column, diagonal, block, shift, lower_start, lower, inverse)
+            strip[s], strip[s + 1], start, column, diagonal, block, shift, least, lower_start, lower, inverse)
     for s in prange(reds, len(strip) - 1):
         failed[s] = not _factorise_rows(
-            strip[s], strip[s + 1], start, column, diagonal, block, shift, lower_start, lower, inverse)
+            strip[s], strip[s + 1], start, column, diagonal, block, shift, least, lower_start, lower, inverse)
 
 
 @njit(cache=True)
-def _factorise_rows(first, last, start, column, diagonal, block, shift, lower_start, lower, inverse):
+def _factorise_rows(first, last, start, column, diagonal, block, shift, least, lower_start, lower, inverse):
     pivot = np.empty((BLOCK, BLOCK), block.dtype)
     for i in range(first, last):
         d = diagonal[i]
@@ -100,7 +100,7 @@ def _factorise_rows(first, last, start, column, diagonal, block, shift, lower_st
                         s += here[r, t] * inv[c, t]
                     here[r, c] = s
             _subtract(here, here, pivot)
-        if not _inverse_factor(pivot, block[d], inverse[i]):
+        if not _inverse_factor(pivot, block[d], least, inverse[i]):
             return False
     return True
 
@@ -115,13 +115,13 @@ def _subtract(a, b, out):
 
 
 @njit(cache=True)
-def _inverse_factor(pivot, original, inverse):
+def _inverse_factor(pivot, original, least, inverse):
     """Cholesky factor of a pivot block and its inverse; false if a pivot lost too much of the original diagonal."""
     for c in range(BLOCK):
         s = pivot[c, c]
         for t in range(c):
             s -= pivot[c, t] * pivot[c, t]
-        if not s > LEAST_PIVOT * original[c, c]:
+        if not s > least * original[c, c]:
             return False
         pivot[c, c] = np.sqrt(s)
         for r in range(c + 1, BLOCK):

@@ -12,7 +12,7 @@ from engine.yarns import constraints, contact
 from engine.yarns.settings import YarnSettings
 
 STALE = 2  # times as many iterations as with a fresh factor end the use of an old one
-MANY = 1000  # rows from which on a coarse space pays
+MANY = 1000  # points from which on a coarse space pays, and single precision
 FAR = 15.0  # segments that a wave of stretch runs within a step, from where on it pays
 PATCH = 4.0  # edge of a patch of cloth in rest segments
 MARGIN = 0.3  # of Newton's goal, for what the Hessian does not foresee
@@ -22,9 +22,9 @@ class NewtonSystem:
     """The Hessian of a step, whose pattern stays while its values change with the iterations."""
 
     def __init__(self, potential: IncrementalPotential, settings: YarnSettings, watch: Stopwatch):
-        """Lay out the matrix and its incomplete factor, both in single precision: a direction needs no more."""
+        """Lay out the matrix and its incomplete factor, of large systems in single precision: a direction needs no more."""
         self.potential, self.settings, self.watch = potential, settings, watch
-        self.layout = potential.lay_out()
+        self.layout = potential.lay_out(np.float32 if np.count_nonzero(potential.state.active) >= MANY else np.float64)
         self.factor = incomplete_cholesky(self.layout.matrix)
         self.preconditioner: Preconditioner = self.factor
         self.coarse = self._coarse_space()

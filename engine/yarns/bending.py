@@ -16,7 +16,7 @@ EDGE_B = (0.0, -1.0, 1.0)
 SPAN = (-1.0, 0.0, 1.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_gradient(chain, node_point, stiffness, x, u, gradient):
     """Add the gradient of one yarn to `gradient` [N, 4] and return its energy [J].
 
@@ -39,7 +39,7 @@ def add_gradient(chain, node_point, stiffness, x, u, gradient):
     return energy
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_hessian(chain, node_point, stiffness, x, u, convex, band):
     """Add the Hessian of one yarn to its `band` [E, 3, 4, 4], blocks of each node with itself and the next two.
 
@@ -88,7 +88,7 @@ def add_hessian(chain, node_point, stiffness, x, u, convex, band):
                 block[3, 3] += dp * dq * span_span
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _bend(x, a, i, b, t, s, n, m):
     """Lengths of both segments and the angle theta between them.
 
@@ -122,7 +122,7 @@ def _bend(x, a, i, b, t, s, n, m):
     return la, lb, np.arctan2(sine, cosine)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _perpendicular(t, n):
     """Write to n a unit vector perpendicular to the unit vector t."""
     least = 0

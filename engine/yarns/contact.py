@@ -35,7 +35,7 @@ def absorb_jumps(model: YarnModel, state: YarnState, chain: Chain) -> None:
     state.gap_offset[points] = offset
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness, multiplier, offset, x, u, gradient, gap):
     """Add the gradient to `gradient` [N, 4], write g to `gap` [P, 3] and return the energy [J].
 
@@ -80,7 +80,7 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
     return energy
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_hessian(
     points, point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier, offset, x, u, convex,
     sliding, row, condensed, start, column, block, inverse, coupling,
@@ -152,7 +152,7 @@ def add_hessian(
     return positive
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def add_gradient_in_parts(
     points, part, point_nodes, eil, before, after, node_point, stiffness, multiplier, offset, x, u, gradient, gap
 ):
@@ -169,7 +169,7 @@ def add_gradient_in_parts(
     return total
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def add_hessian_in_parts(
     points, part, point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier, offset, x, u, convex,
     sliding, row, condensed, start, column, block, inverse, coupling,
@@ -187,7 +187,7 @@ def add_hessian_in_parts(
     return positive.all()
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add_points(local, first, count, point, row, start, column, block):
     for a in range(first, count):
         for b in range(first, count):
@@ -197,7 +197,7 @@ def _add_points(local, first, count, point, row, start, column, block):
                     block[k, r, c] += local[5 * a + r, 5 * b + c]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _condense(local, inverse, coupling):
     """Eliminate the unknowns 3 and 4 of a local matrix from those of the other four points."""
     a, b, d = local[3, 3], local[3, 4], local[4, 4]
@@ -219,7 +219,7 @@ def _condense(local, inverse, coupling):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def condense_load(points, condensed, others, row, inverse, coupling, load, reduced):
     """Take the load [P, 5] on the eliminated unknowns of `points` over to the rows of their `others` [C, 4]: `reduced` [R, 5]."""
     for p in points:
@@ -234,7 +234,7 @@ def condense_load(points, condensed, others, row, inverse, coupling, load, reduc
                 reduced[i, c] -= coupling[e, 0, q, c] * f0 + coupling[e, 1, q, c] * f1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def expand(points, condensed, others, inverse, coupling, load, solution):
     """Write the eliminated unknowns of `points` to the solution [P, 5], whose other points are known."""
     for p in points:
@@ -250,7 +250,7 @@ def expand(points, condensed, others, inverse, coupling, load, solution):
         solution[p, 4] = inverse[e, 1, 0] * l0 + inverse[e, 1, 1] * l1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add_curvature(first, u_a, u_b, u_c, s, du, force, w, local):
     """Add force . d2X for X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a), to the local matrix.
 
@@ -278,7 +278,7 @@ def _add_curvature(first, u_a, u_b, u_c, s, du, force, w, local):
             local[place[m], place[q]] += along * second[m][q]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def place_eil(points, point_nodes, before, after, node_point, x, u):
     """Move the cancelled x of `points`, which have EIL nodes only, to the middle of what their yarns interpolate there."""
     place, w = np.empty(3), np.empty(3)
@@ -292,7 +292,7 @@ def place_eil(points, point_nodes, before, after, node_point, x, u):
                     x[p, k] += share * place[k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _interpolate(a, c, b, node_point, x, u, place, w):
     """Write X at u_b and w = dX/du between the EoL neighbours a and c."""
     p, q = node_point[a], node_point[c]

@@ -49,7 +49,7 @@ def corner_forces(model: YarnModel, chain: Chain, x: Floats, u: Floats, u_rate: 
     return force
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_gradient(chain, node_point, density, h, u0, prediction, corner_force, x, u, gradient):
     """Add the gradient of I and the corner forces of one yarn to `gradient` [N, 4] and return their energy [J].
 
@@ -87,7 +87,7 @@ def add_gradient(chain, node_point, density, h, u0, prediction, corner_force, x,
     return energy
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_hessian(chain, density, h, u0, prediction, u, band):
     """Add M / h^2 of one yarn to its `band` [E, 3, 4, 4]: the blocks of each node with itself and the next two."""
     slope = np.empty(3)
@@ -109,7 +109,7 @@ def add_hessian(chain, density, h, u0, prediction, u, band):
                 block[3, 3] += mass * square
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def new_velocity(chain, before, after, node_yarn, density, h, corner_force, velocity0, x0, u0, x, u):
     """Return V = xdot - w udot of the step on both sides of every EoL node, shape [N, 2, 3] [m/s].
 
@@ -154,7 +154,7 @@ def project(old: Chain, u0: Floats, velocity: Floats, new: Chain, u: Floats) -> 
     return _project(old.node, old.start, u0, velocity, new.node, new.start, u)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _project(old_chain, old_start, u0, old, chain, chain_start, u):
     value = np.zeros_like(old)
     moment = np.empty((2, 3))

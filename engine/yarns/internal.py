@@ -14,7 +14,7 @@ from engine.yarns import bending, inertia, stretch
 CHUNK = 256  # rows that are one piece of work
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def add_gradient(
     chain, chain_start, node_point, density, kinematic, stretch_stiffness, stretch_damping, bending_stiffness, h, u0,
     prediction, corner_force, x, u, place, centre0, centre, gradient,
@@ -41,7 +41,7 @@ def add_gradient(
     return total
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def hessian(
     chain, chain_start, density, kinematic, stretch_stiffness, stretch_damping, bending_stiffness, h, u0,
     prediction, u, place, centre0, centre, convex, band,
@@ -59,7 +59,7 @@ def hessian(
             bending.add_hessian(nodes, place, bending_stiffness[y], centre, u, convex, own)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def gather(
     point, row, point_nodes, place, chain, chain_start, node_yarn, node_point, node_slot, band, sliding, start, column, block,
 ):
@@ -91,7 +91,7 @@ def gather(
                         _add_block(band[f, e - f], True, 3 + slot, 3 + node_slot[m], block[k])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add_block(part, transposed, u_row, u_column, block):
     """Add a 4 x 4 block in (x, u) of two nodes to the 5 x 5 block of their points."""
     for r in range(4):

@@ -53,7 +53,7 @@ def _mean_of_yarns(model, of_yarn):
     return 0.5 * (of_yarn[model.node_yarn[first]] + of_yarn[model.node_yarn[second]])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness, free_angle, x, gradient):
     """Add the gradient to `gradient` [N, 4] and return the energy [J]; `stiffness` and `free_angle` are [P]."""
     energy = 0.0
@@ -75,7 +75,7 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
     return energy
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_hessian(
     points, point_nodes, eil, before, after, node_point, stiffness, free_angle, x, convex, row, start, column, block
 ):
@@ -134,7 +134,7 @@ def add_hessian(
                         block[k, r, q] += local[i, j, r, q]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _places(a, b, p, forward, backward, around):
     """Where points a and b of a segment stand among those `around` p: 0 for p itself."""
     around[forward] = b
@@ -144,7 +144,7 @@ def _places(a, b, p, forward, backward, around):
     return backward, forward
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def add_gradient_in_parts(points, part, point_nodes, eil, before, after, node_point, stiffness, free_angle, x, gradient):
     """As `add_gradient`, with the parts points[part[s]:part[s+1]], which share no node, at once and the rest after them."""
     parts = len(part) - 1
@@ -158,7 +158,7 @@ def add_gradient_in_parts(points, part, point_nodes, eil, before, after, node_po
     return total
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def add_hessian_in_parts(
     points, part, point_nodes, eil, before, after, node_point, stiffness, free_angle, x, convex, row, start, column, block
 ):
@@ -171,7 +171,7 @@ def add_hessian_in_parts(
                 start, column, block)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _law(phi, stiffness, free_angle):
     """V, dV/dphi and d2V/dphi2 of one pair of segments."""
     a = phi - 0.5 * np.pi
@@ -184,7 +184,7 @@ def _law(phi, stiffness, free_angle):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _segment(i, forward, eil, before, after):
     """Nodes between which the segment before or behind node i runs, away from i; -1 where the yarn has ended."""
     if eil[i]:
@@ -192,7 +192,7 @@ def _segment(i, forward, eil, before, after):
     return i, after[i] if forward else before[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _angle(x, a, b, c, d, t, s, n, m):
     """Lengths of the segments from point a to b and from c to d, and the angle phi between them.
 

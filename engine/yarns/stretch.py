@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_gradient(chain, node_point, stiffness, damping, h, x0, u0, x, u, gradient):
     """Add the gradient of one yarn to `gradient` [N, 4] (x, u of each node) and return its energy [J].
 
@@ -39,7 +39,7 @@ def add_gradient(chain, node_point, stiffness, damping, h, x0, u0, x, u, gradien
     return energy
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_hessian(chain, node_point, stiffness, damping, h, x0, u0, x, u, convex, band):
     """Add the Hessian of one yarn to its `band` [E, 3, 4, 4], blocks of each node with itself and the next two.
 
@@ -80,7 +80,7 @@ def add_hessian(chain, node_point, stiffness, damping, h, x0, u0, x, u, convex, 
                 block[3, 3] += along * z[a, 3] * z[b, 3] + sign * 2.0 * damped / du * lam
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _segment(x, u, node_point, i, j, d):
     """Length and material length of segment (i, j); its direction is written to d."""
     p, q = node_point[i], node_point[j]
@@ -94,7 +94,7 @@ def _segment(x, u, node_point, i, j, d):
     return length, u[j] - u[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _rest(x0, u0, node_point, i, j):
     p, q = node_point[i], node_point[j]
     length = 0.0
