@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 SHORTEST = 1e-100  # length of an edge whose ends coincide: its square is no zero yet [m]
-STRAIGHT = 1e-9  # sine of the angle below which the plane of bending is arbitrary
+STRAIGHT = 1e-13  # sine of the angle below which the plane of bending is arbitrary: what force that turns is round-off
 
 # how the edges a = x0 - x-, b = x+ - x0 and the span D = u+ - u- depend on the three nodes
 EDGE_A = (-1.0, 1.0, 0.0)
