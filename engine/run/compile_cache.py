@@ -33,6 +33,8 @@ def prepare_compile_cache() -> Path:
     directory.mkdir(parents=True, exist_ok=True)
     os.utime(directory)  # the time of last use, which pruning goes by
     os.environ["NUMBA_CACHE_DIR"] = str(directory)
+    # threads that wait for each other in a spin stand still for minutes where several jobs share the processors
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     prune(directory.parent, KEPT)
     return directory
 
