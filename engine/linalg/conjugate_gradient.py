@@ -1,12 +1,16 @@
 """Preconditioned conjugate gradients on block vectors, the same to the bit on any number of threads."""
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numba import njit, prange
+from scipy.linalg import eigvalsh_tridiagonal
 
 from engine.arrays import Floats
 from engine.linalg.block_matrix import CHUNK, BlockMatrix
+
+
+LOOKS = (10, 20, 40)  # iterations after which the spectrum is looked at
 
 
 class Preconditioner(Protocol):
@@ -16,16 +20,24 @@ class Preconditioner(Protocol):
         """Write the approximate solution for right-hand side b into out."""
 
 
+class Outcome(NamedTuple):
+    """What became of a solution."""
+
+    iterations: int
+    positive: bool  # the matrix was along all directions of the search
+    sound: bool  # no eigenvalue of M^-1 A was found to be an outlier
+
+
 def conjugate_gradient(
     a: BlockMatrix, b: Floats, x: Floats, preconditioner: Preconditioner, tolerance: float, max_iterations: int,
-    floor: float = 0.0,
-) -> tuple[int, bool]:
+    floor: float = 0.0, outlier: float = np.inf,
+) -> Outcome:
     """Solve a x = b from x = 0 until the preconditioned residual falls by `tolerance`, or all of it to `floor`.
 
-    Returns the number of iterations, and whether the matrix was found positive along all of them.
-
     b and x have shape [n, 5]; x is overwritten. The norm is that of the preconditioner, in which the iteration itself
-    measures: (r, M^-1 r)^1/2; `floor` bounds every component of r.
+    measures: (r, M^-1 r)^1/2; `floor` bounds every component of r. It ends early where the matrix is found not to be
+    positive, or the preconditioner not to be sound: factors that nearly broke down give M^-1 A a few huge eigenvalues, which
+    the Lanczos matrix of the iteration shows long before they have been dealt with. `outlier` is what none may exceed.
     """
     x[:] = 0.0
     r = b.copy()
@@ -35,21 +47,34 @@ def conjugate_gradient(
     p = z.copy()
     rho = dot(r, z)
     target = tolerance * tolerance * rho
+    steps, turns = [], []
     for iteration in range(1, max_iterations + 1):
         if rho <= 0.0:
-            return iteration - 1, True
+            return Outcome(iteration - 1, True, True)
         a.multiply(p, q)
         curvature = dot(p, q)
         if curvature <= 0.0:
-            return iteration, False
-        advance(rho / curvature, p, q, x, r)
+            return Outcome(iteration, False, True)
+        steps.append(rho / curvature)
+        advance(steps[-1], p, q, x, r)
         preconditioner.solve(r, z)
         rho_next = dot(r, z)
         if rho_next <= target or largest(r) <= floor:
-            return iteration, True
-        turn(rho_next / rho, z, p)
+            return Outcome(iteration, True, True)
+        if iteration in LOOKS and largest_eigenvalue(steps, turns) > outlier:
+            return Outcome(iteration, True, False)
+        turns.append(rho_next / rho)
+        turn(turns[-1], z, p)
         rho = rho_next
-    return max_iterations, True
+    return Outcome(max_iterations, True, True)
+
+
+def largest_eigenvalue(steps: list[float], turns: list[float]) -> float:
+    """Return the estimate of the largest eigenvalue of M^-1 A that k steps alpha and k - 1 turns beta of the iteration give."""
+    alpha, beta = np.array(steps), np.array(turns)
+    diagonal = 1.0 / alpha
+    diagonal[1:] += beta / alpha[:-1]
+    return float(eigvalsh_tridiagonal(diagonal, np.sqrt(beta) / alpha[:-1]).max())
 
 
 @njit(cache=True, parallel=True)

@@ -8,7 +8,7 @@ from numba import njit, prange
 from engine.arrays import Floats, Ints
 from engine.linalg.block_matrix import BLOCK, BlockMatrix
 
-FIRST_SHIFT = 1e-3
+FIRST_SHIFT = 4e-3
 LARGEST_SHIFT = 1.0
 LEAST_PIVOT = 10.0  # round-offs of the original diagonal: less is none of a pivot that was positive
 
@@ -39,23 +39,28 @@ def incomplete_cholesky(a: BlockMatrix) -> IncompleteCholesky:
     return IncompleteCholesky(a, start, lower, np.empty((a.rows, BLOCK, BLOCK), a.block.dtype))
 
 
-def factorise(factor: IncompleteCholesky) -> bool:
+def factorise(factor: IncompleteCholesky, stronger: bool = False) -> bool:
     """Factorise the present values of the factor's matrix; false where it is too far from positive definite.
 
     Dropping fill can lose positive definiteness; the factorisation is then repeated for A + shift diag(A) with a
-    growing shift.
+    growing shift. `stronger` begins with a larger shift than the last, for a factor that proved useless.
     """
     a = factor.matrix
-    factor.shift, least = 0.0, a.block.dtype.type(LEAST_PIVOT * np.finfo(a.block.dtype).eps)
+    factor.shift, least = next_shift(factor.shift) if stronger else 0.0, a.block.dtype.type(LEAST_PIVOT * np.finfo(a.block.dtype).eps)
     failed = np.zeros(len(a.strips.start) - 1, np.bool_)
     while True:
         _factorise(a.strips.start, a.strips.reds, a.start, a.column, a.diagonal, a.block, a.block.dtype.type(factor.shift),
                    least, factor.start, factor.lower, factor.inverse, failed)
         if not failed.any():
             return True
-        factor.shift = max(FIRST_SHIFT, 4.0 * factor.shift)
+        factor.shift = next_shift(factor.shift)
         if factor.shift > LARGEST_SHIFT:
             return False
+
+
+def next_shift(shift: float) -> float:
+    """Return the shift to try after `shift`."""
+    return max(FIRST_SHIFT, 4.0 * shift)
 
 
 @njit(cache=True, parallel=True)

@@ -5,16 +5,17 @@ import numpy as np
 from engine.arrays import Floats
 from engine.linalg.coarse_space import CoarseSpace, TwoLevels
 from engine.linalg.conjugate_gradient import Preconditioner, conjugate_gradient
-from engine.linalg.incomplete_cholesky import factorise, incomplete_cholesky
+from engine.linalg.incomplete_cholesky import LARGEST_SHIFT, factorise, incomplete_cholesky
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.step_report import Stopwatch
-from engine.yarns import constraints, contact
+from engine.yarns import constraints, contact, fabric_motion
 from engine.yarns.settings import YarnSettings
 
+OUTLIER = 8.0  # eigenvalue that a sound preconditioner does not leave: incomplete factors reach 2, with patches 3
 STALE = 2  # times as many iterations as with a fresh factor end the use of an old one
 MANY = 1000  # points from which on a coarse space pays, and single precision
 FAR = 15.0  # segments that a wave of stretch runs within a step, from where on it pays
-PATCH = 4.0  # edge of a patch of cloth in rest segments
+PATCH = 6.0  # edge of a patch of cloth in rest segments
 MARGIN = 0.3  # of Newton's goal, for what the Hessian does not foresee
 
 
@@ -39,8 +40,10 @@ class NewtonSystem:
         reach = p.h * np.sqrt(m.stretch_stiffness / m.density) / m.rest_segment  # of a wave of stretch, in segments
         if layout.matrix.rows < MANY or reach.max(initial=0.0) < FAR:
             return None
-        place, free = p.x0[layout.point], p.projector[layout.point, :3, :3]
-        return CoarseSpace(layout.matrix, place, free, PATCH * float(m.rest_segment.max()))
+        fabrics = fabric_motion.fabrics_at(m)
+        response = fabric_motion.responses(m, p.state, p.chain, fabrics, p.projector, layout.point)
+        edge = PATCH * float(m.rest_segment.max())
+        return CoarseSpace(layout.matrix, p.x0[layout.point], fabrics[layout.point], response, edge)
 
     def forget_factor(self) -> None:
         """Say that the Hessian has changed too much for the factor that there is."""
@@ -67,20 +70,23 @@ class NewtonSystem:
     def _solve(self, convex: bool, load: Floats, goal: float) -> tuple[Floats, int, bool]:
         """Solve for a load [P, 5]; the last factor serves as long as it is of the same form and not much worse than fresh."""
         layout = self.layout
-        fresh = self.usable is not convex
-        if fresh:
-            positive = factorise(self.factor) and (self.coarse is None or self.coarse.refresh())
-            self.usable = convex if positive else None
-            self.watch.lap("factor")
-            if self.usable is None:
-                return load, 0, False
         reduced = load[layout.point]
         contact.condense_load(layout.condensed_points, layout.condensed, layout.others, layout.row, layout.inverse,
                               layout.coupling, load, reduced)
         solution = np.empty_like(reduced)
-        iterations, positive = conjugate_gradient(
-            layout.matrix, reduced, solution, self.preconditioner, self.settings.linear_tolerance, self.settings.max_linear,
-            MARGIN * goal)
+        total, sound, stronger = 0, False, False
+        while not sound:
+            fresh = self.usable is not convex
+            if fresh and not self._factorise(convex, stronger):
+                return load, total, False
+            iterations, positive, sound = conjugate_gradient(
+                layout.matrix, reduced, solution, self.preconditioner, self.settings.linear_tolerance,
+                self.settings.max_linear, MARGIN * goal, OUTLIER if self.factor.shift < LARGEST_SHIFT else np.inf)
+            total += iterations
+            self.watch.lap("solve")
+            if not sound:
+                self.forget_factor()
+                stronger = fresh
         if fresh:
             self.fresh_iterations = iterations
         if not positive or iterations > STALE * self.fresh_iterations:
@@ -92,4 +98,11 @@ class NewtonSystem:
         # single precision leaves a trace of what S cancels where its directions are oblique, and steps would add these up
         constraints.project_gradient(self.potential.constrained_points, self.potential.projector, direction)
         self.watch.lap("solve")
-        return direction, iterations, positive
+        return direction, total, positive
+
+    def _factorise(self, convex: bool, stronger: bool) -> bool:
+        """Prepare the preconditioner for the present Hessian; `stronger` is one that stays clearer of breakdown than the last."""
+        positive = factorise(self.factor, stronger) and (self.coarse is None or stronger or self.coarse.refresh())
+        self.usable = convex if positive else None
+        self.watch.lap("factor")
+        return positive

@@ -24,7 +24,7 @@ def solved(full, b, pairs, preconditioner=None, tolerance=1e-12, most=1000):
     a, number = blocked(full, pairs)
     by_row, x = np.empty_like(b), np.full_like(b, np.nan)
     by_row[number] = b
-    iterations, is_positive = conjugate_gradient(a, by_row, x, preconditioner or factors(a), tolerance, most)
+    iterations, is_positive, _ = conjugate_gradient(a, by_row, x, preconditioner or factors(a), tolerance, most)
     return x[number], iterations, is_positive
 
 
@@ -66,7 +66,7 @@ def test_the_largest_component_of_the_residual_falls_to_the_floor(floor):
     a, number = blocked(full, pairs)
     by_row, x = np.empty_like(b), np.empty_like(b)
     by_row[number] = b
-    iterations, _ = conjugate_gradient(a, by_row, x, Identity(), 1e-12, 1000, floor)
+    iterations, *_ = conjugate_gradient(a, by_row, x, Identity(), 1e-12, 1000, floor)
     assert np.abs(by_row.ravel() - dense(a) @ x.ravel()).max() <= (1.0 + 1e-9) * floor
     conjugate_gradient(a, by_row, x, Identity(), 1e-12, iterations - 1)
     assert np.abs(by_row.ravel() - dense(a) @ x.ravel()).max() > floor  # one iteration less is too few
