@@ -81,7 +81,7 @@ def test_links_and_pictures_resolve():
 
 
 def test_the_report_keys_are_explained():
-    for key in ("time", "error", "counts", "memory_peak_bytes", "machine"):
+    for key in ("time", "error", "counts", "memory_peak_bytes", "memory_per_node_bytes", "machine"):
         assert f"`{key}`" in README
 
 

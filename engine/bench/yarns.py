@@ -1,4 +1,4 @@
-"""Yarns: seconds per step of woven patches against their size, of a stack, and until the first frame."""
+"""Yarns: seconds per step and memory of stacks of denim and of patches against their size, and until the first frame."""
 
 import os
 import subprocess
@@ -12,11 +12,13 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 
 import numpy as np
+from numba.core import event
 
 import engine
 from engine.bench.suite import Measurement, benchmark, median_seconds
 from engine.contact.obstacles import motion
 from engine.linalg.block_matrix import BLOCK
+from engine.run.memory import ProgramMemory, memory_peak
 from engine.scene.build import Built, build
 from engine.scene.load import load_scene
 from engine.steppers.incremental_potential import IncrementalPotential
@@ -30,6 +32,7 @@ STEP = 1e-3  # [s]
 WARM_UP = 10  # steps from rest that are not timed; they compile the kernels as well
 TIMED = 10  # steps
 SPACING = 5.6e-3
+FEW = 2  # steps that are timed of stacks of denim, the largest of which take a minute each
 STAGES = ("assign", "assemble", "factor", "solve", "line_search", "commit")
 ENTRY = 8  # bytes of an index, or of a number of a vector
 
@@ -47,7 +50,8 @@ run(scene, Path(sys.argv[1]), until=1 / scene.fps, on_frame=lambda frame: print(
 
 @benchmark("yarns", summary="a step of 1 ms of cloth hung by two corners, and of a stack; time to the first frame")
 def yarns() -> Iterator[Measurement]:
-    """Patches of 1,000 to 100,000 crossings, a stack, the linear solve against a peer, the first frame."""
+    """Two layers of denim up to the jeans pocket's size, patches, a stack, the linear solve, the first frame."""
+    yield from scaling(points=(10_000, 40_000, 160_000, 645_000))
     yield from measurements(patches=(1_000, 10_000, 100_000), stack=5_000, system=10_000)
     yield from first_frames()
 
@@ -64,6 +68,30 @@ def measurements(patches: Sequence[int], stack: int, system: int) -> Iterator[Me
         yield of_steps("patch", hung_by_two_corners(crossings))
     yield of_steps("stack of two", stacked(stack))
     yield from against_peer(system)
+
+
+def scaling(points: Sequence[int]) -> Iterator[Measurement]:
+    """Yield the rows of two layers of denim of about so many `points`, which ascend: memory is that of the largest yet."""
+    program = ProgramMemory()
+    with event.install_listener(ProgramMemory.EVENT, program):
+        for count in points:
+            yield of_denim(count, program)
+
+
+def of_denim(points: int, program: ProgramMemory) -> Measurement:
+    """Return the median time of a step from rest, after the first one; no memory where earlier work held as much."""
+    earlier = memory_peak()
+    steps = Steps(denim(points))
+    steps.take(1)
+    timed = steps.take(FEW)
+    reports = [report for _, report in timed]
+    details = {name: sum(getattr(report, f"{name}_iterations") for report in reports) / FEW for name in ("newton", "linear")}
+    if (peak := memory_peak()) > earlier:
+        details["bytes_per_point"] = (peak - program.bytes) / steps.model.point_count
+    return Measurement(
+        "two layers of denim", steps.model.point_count, median(seconds for seconds, _ in timed), "points",
+        error=max(report.residual for report in reports), details=details,
+    )
 
 
 @dataclass
@@ -232,6 +260,16 @@ def stacked(crossings: int) -> Built:
     return _build(
         [lower | {"pins": "corners"}, upper | {"rotation": [0, 0, 20], "position": [0.3 * SPACING, 0.2 * SPACING, 0]}],
         [{"lower": "lower", "upper": "upper", "friction": 0.3}],
+    )
+
+
+def denim(points: int) -> Built:
+    """Return a patch of denim held at its edges, with one lying on it as the jeans pocket does, of about so many points."""
+    side = isqrt(points // 4)
+    cloth = {"material": "denim", "pattern": "denim", "warps": side, "wefts": side, "yarns_per_inch": 44}
+    return _build(
+        [cloth | {"name": "lower", "pins": "edges"}, cloth | {"name": "upper", "position": [0.0001732, -0.0001155, 0]}],
+        [{"lower": "lower", "upper": "upper", "friction": 0.5}],
     )
 
 

@@ -3,19 +3,19 @@
 import numpy as np
 
 from engine.run.adaptivity import StepLimits
-from engine.run.machine import describe_machine, memory_peak
+from engine.run.machine import describe_machine
 from engine.run.statistics import Statistics
 
 
 def make_report(
     name: str, state: str, simulated: float, limits: StepLimits, statistics: Statistics, applies: set[str],
-    threads: int, reason: str | None = None,
+    threads: int, memory: dict[str, int], reason: str | None = None,
 ) -> dict:
     """Return the report of a run.
 
     `simulated` is the time reached [s]; `applies` names the optional keys that make sense for the scene
-    (`contacts_added`, `contacts_removed`, `contact_gap_max`, `addition_gap_max`, `penetration_max`); `reason` says why a
-    failed job failed.
+    (`contacts_added`, `contacts_removed`, `contact_gap_max`, `addition_gap_max`, `penetration_max`); `memory` has the keys
+    on memory [bytes]; `reason` says why a failed job failed.
     """
     report: dict = {"strandline": 1, "scene": name, "state": state}
     if reason is not None:
@@ -23,7 +23,7 @@ def make_report(
     return report | {
         "counts": _counts(statistics, applies),
         "time": _time(simulated, limits, statistics),
-        "memory_peak_bytes": memory_peak(),
+        **memory,
         "error": _error(statistics, applies),
         "machine": describe_machine(threads),
     }

@@ -16,6 +16,7 @@ class Simulated(Protocol):
     """A scene in motion."""
 
     report_keys: set[str]  # optional keys of the report that make sense for it
+    nodes: int  # that memory is held for, in use or not; one where yarns touch
 
     def step(self, time: float, h: float) -> "StepReport":
         """Try to advance from `time` by `h` [s]; the state is as before when the report says rejected."""

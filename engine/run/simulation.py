@@ -25,6 +25,7 @@ from engine.run.adaptivity import (
 from engine.run.checkpoint import Checkpoint, CheckpointMismatch, checkpoint_path, read_checkpoint, write_checkpoint
 from engine.run.directory import JobDirectory, fingerprint
 from engine.run.frames import Frame, write_frame
+from engine.run.memory import ProgramMemory, memory_peak
 from engine.run.report import make_report
 from engine.run.simulated import Simulated, assemble
 from engine.run.statistics import Statistics
@@ -87,8 +88,11 @@ def run(
     job = JobDirectory(directory)
     job.open(scene, resume)
     job.set_state("running")
-    with event.install_listener("numba:compile", event.TimingListener()) as compilation:
-        loop = _Loop(scene, job, min(scene.duration, scene.duration if until is None else until), compilation)
+    with (
+        event.install_listener("numba:compile", event.TimingListener()) as compilation,
+        event.install_listener(ProgramMemory.EVENT, ProgramMemory()) as program,
+    ):
+        loop = _Loop(scene, job, min(scene.duration, scene.duration if until is None else until), compilation, program)
         loop.on_progress, loop.on_frame = on_progress, on_frame
         try:
             loop.begin(resume)
@@ -107,8 +111,11 @@ def run(
 class _Loop:
     """A run in progress: the clock, the step controller, the statistics, and where output goes."""
 
-    def __init__(self, scene: "Scene", job: JobDirectory, end: float, compilation: event.TimingListener):
-        self.scene, self.job, self.compilation = scene, job, compilation
+    def __init__(
+        self, scene: "Scene", job: JobDirectory, end: float, compilation: event.TimingListener, program: ProgramMemory
+    ):
+        self.scene, self.job, self.compilation, self.program = scene, job, compilation, program
+        self.nodes = 0
         self.on_progress: Callable[[Progress], None] | None = None
         self.on_frame: Callable[[Frame], None] | None = None
         self.limits = StepLimits(scene.step.default, scene.step.min, scene.step.max)
@@ -128,7 +135,7 @@ class _Loop:
     def begin(self, resume: bool) -> None:
         """Assemble the scene, at its initial state or at the checkpoint's."""
         self.simulated: Simulated = assemble(self.scene)
-        self.report_keys = self.simulated.report_keys
+        self.report_keys, self.nodes = self.simulated.report_keys, self.simulated.nodes
         self.scene_fingerprint = fingerprint(self.scene)
         if resume and checkpoint_path(self.job.path).exists():
             saved = read_checkpoint(self.job.path, self.scene_fingerprint, self.simulated.arrays())
@@ -160,7 +167,8 @@ class _Loop:
         """Write the report and the final state of the job; returns the report."""
         self._take_times()
         report = make_report(
-            self.scene.name, state, self.time, self.limits, self.statistics, self.report_keys, threads, reason
+            self.scene.name, state, self.time, self.limits, self.statistics, self.report_keys, threads,
+            self._memory(), reason,
         )
         self.job.write_report(report)
         self.job.set_state(state, **({} if reason is None else {"reason": reason}))
@@ -271,6 +279,13 @@ class _Loop:
 
     def _compile_seconds(self) -> float:
         return self.compilation.duration if self.compilation.done else 0.0
+
+    def _memory(self) -> dict[str, int]:
+        """The report's keys on memory [bytes]."""
+        memory = {"memory_peak_bytes": memory_peak()}
+        if self.nodes:
+            memory["memory_per_node_bytes"] = max(memory["memory_peak_bytes"] - self.program.bytes, 0) // self.nodes
+        return memory
 
     def _take_times(self) -> None:
         self.statistics.wall_s = self.earlier_wall + perf_counter() - self.began

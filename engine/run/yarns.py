@@ -23,6 +23,7 @@ class YarnsInMotion:
         self.stepper = YarnStepper(built.yarns, built.settings, built.gravity, built.obstacles, built.handles, built.collisions)
         self._collisions = 0  # that pressed at the end of the last step
         model = built.yarns
+        self.nodes = model.point_count
         contacts = bool(np.any(model.point_nodes[:, 1] >= 0))
         obstacles = len(built.obstacles.kind) > 0
         self.report_keys = {"contact_gap_max"} if contacts else set()

@@ -7,6 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from engine.run.adaptivity import StepTooSmall
+from engine.scene.schema import INCH
 from engine.validate.catalogue import CaseResult, Row, case
 from engine.validate.eol_march import March
 from engine.validate.rods import EARTH
@@ -19,8 +20,20 @@ NEWTON = 10  # iterations that a step may take ...
 SELDOM = 0.01  # ... and the share of steps of the default size that may take more
 STEP = 1e-3  # the default size [s]
 STEPS = 25  # of each run
-SPACING = 5.6e-3
 LAYERS = (2, 3, 4)
+
+
+@dataclass(frozen=True)
+class Cloth:
+    """What the patches of a stack are of."""
+
+    material: str
+    pattern: str
+    spacing: float  # of neighbouring yarns [m]
+
+
+COTTON = Cloth("cotton-thick", "plain", 5.6e-3)
+DENIM = Cloth("denim", "denim", INCH / 44)  # the jeans pocket's
 
 
 @dataclass
@@ -42,13 +55,25 @@ class Tally:
 @case("eol-degenerate", bar=SELDOM,
       summary="stacks with a third of all points EIL: share of steps that take more than 10 Newton iterations")
 def degenerate(quick: bool) -> CaseResult:
+    """Thick cotton, whose yarns bend easily."""
+    return measure(COTTON, quick)
+
+
+@case("eol-degenerate-denim", bar=SELDOM,
+      summary="as eol-degenerate, of denim of 44 yarns an inch: share of steps that take more than 10 Newton iterations")
+def degenerate_denim(quick: bool) -> CaseResult:
+    """Denim: light for its stiffness, so that friction's springs give way within a millionth of a segment."""
+    return measure(DENIM, quick)
+
+
+def measure(cloth: Cloth, quick: bool) -> CaseResult:
     """Share of slow steps over all seeds; not-a-number, a failed job or an open contact fails besides."""
     seeds = range(20 if quick else 1000)
     rows, tallies = [], []
     for number, layers in enumerate(LAYERS):
         began, tally = perf_counter(), Tally()
         for seed in seeds[number :: len(LAYERS)]:
-            run(seed, layers, tally)
+            run(cloth, seed, layers, tally)
         rows.append(Row("layers", layers, tally.slow / tally.steps, perf_counter() - began))
         tallies.append(tally)
     failed: dict[str, list[int]] = {}
@@ -65,9 +90,9 @@ def degenerate(quick: bool) -> CaseResult:
     return CaseResult(rows, slow, note=note, failures=failures)
 
 
-def run(seed: int, layers: int, tally: Tally) -> None:
-    """Run the stack of `seed` and count it in `tally`."""
-    march, share = stack(seed, layers)
+def run(cloth: Cloth, seed: int, layers: int, tally: Tally) -> None:
+    """Run the stack of `cloth` and `seed` and count it in `tally`."""
+    march, share = stack(cloth, seed, layers)
     tally.least_share = min(tally.least_share, share)
     tally.coincident += has_coincident_nodes(march)
     gap = 0.0
@@ -89,11 +114,11 @@ def run(seed: int, layers: int, tally: Tally) -> None:
     tally.gap = max(tally.gap, gap)
 
 
-def stack(seed: int, layers: int) -> tuple[March, float]:
+def stack(cloth: Cloth, seed: int, layers: int) -> tuple[March, float]:
     """Return the first stack drawn from `seed` with enough EIL points, and their share."""
     random = np.random.default_rng([seed, layers])
     while True:
-        march = March(scene(random, layers))
+        march = March(scene(cloth, random, layers))
         trial = march.state.copy()
         assign(march.model, trial, march.built.settings.safety_distance, STEP)
         share = observe.counts(march.model, trial)["eil"] / march.model.point_count
@@ -107,7 +132,7 @@ def has_coincident_nodes(march: March) -> bool:
     return len(np.unique(places, axis=0)) < len(places)
 
 
-def scene(random: np.random.Generator, layers: int) -> dict:
+def scene(cloth: Cloth, random: np.random.Generator, layers: int) -> dict:
     """Return a stack on a lowest patch that is held at its edges; gravity presses it together, at random incline."""
     angle, place = 0.0, np.zeros(2)
     fabrics: list[dict] = []
@@ -115,13 +140,14 @@ def scene(random: np.random.Generator, layers: int) -> dict:
         if layer > 0:
             turn, shift = _placed_on(random)
             along = np.array([cos(radians(angle)), sin(radians(angle))])
-            place = place + shift[0] * along + shift[1] * np.array([-along[1], along[0]])
+            place = place + cloth.spacing * (shift[0] * along + shift[1] * np.array([-along[1], along[0]]))
             angle = (angle + turn) % 360.0
         warps, wefts = random.integers(4, 6, size=2)
         fabrics.append({
-            "name": f"layer-{layer}", "material": "cotton-thick", "warps": int(warps), "wefts": int(wefts),
-            "spacing": SPACING, "position": [*place, 0.0], "rotation": [0.0, 0.0, angle],
-            "friction": random.uniform(), "pins": "none" if layer else "edges",
+            "name": f"layer-{layer}", "material": cloth.material, "pattern": cloth.pattern,
+            "warps": int(warps), "wefts": int(wefts), "spacing": cloth.spacing,
+            "position": [*place, 0.0], "rotation": [0.0, 0.0, angle], "friction": random.uniform(),
+            "pins": "none" if layer else "edges",
         })
     down = random.normal(size=3) * [1.0, 1.0, 0.0] - [0.0, 0.0, 2.0]
     return {
@@ -136,11 +162,11 @@ def scene(random: np.random.Generator, layers: int) -> dict:
 
 
 def _placed_on(random: np.random.Generator) -> tuple[float, np.ndarray]:
-    """Return angle [deg] and offset [m] of a layer in the frame of the one below: yarns on yarns, nearly so, or any."""
+    """Return angle [deg] and offset [spacings] of a layer in the frame of the one below: yarns on yarns, nearly so, or any."""
     likeness = random.integers(3)
     quarter = 90.0 * random.integers(4)
     if likeness == 0:
-        return quarter, random.integers(-1, 2, size=2) * SPACING
+        return quarter, random.integers(-1, 2, size=2)
     if likeness == 1:
-        return quarter + random.uniform(-5.0, 5.0), random.uniform(-0.1, 0.1, size=2) * SPACING
-    return random.uniform(0.0, 360.0), random.uniform(-1.5, 1.5, size=2) * SPACING
+        return quarter + random.uniform(-5.0, 5.0), random.uniform(-0.1, 0.1, size=2)
+    return random.uniform(0.0, 360.0), random.uniform(-1.5, 1.5, size=2)

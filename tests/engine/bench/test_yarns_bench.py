@@ -37,6 +37,15 @@ def test_crossings_count_contacts_between_layers_too():
     assert bench.crossings_of(built.yarns) == 2 * 16 + np.sum(built.yarns.point_kind == PointKind.CONTACT)
 
 
+def test_stacks_of_denim_have_the_size_that_was_asked_for():
+    first, second = bench.scaling(points=(400, 1600))
+    assert first.size == pytest.approx(400, rel=0.5) and 3 < second.size / first.size < 4.5  # without ends of yarns
+    for row in (first, second):
+        assert row.error <= 1e-3 and row.details["newton"] >= 1
+        assert row.details.get("bytes_per_point", 1.0) > 0.0  # absent where tests before held more memory
+        json.dumps(suite._row(row, 1e9), allow_nan=False)
+
+
 def test_traffic_is_that_of_the_matrix():
     steps = bench.Steps(bench.hung_by_two_corners(36))
     system, _ = steps.system()

@@ -28,6 +28,7 @@ class Spring:
     """x'' = -400 x, implicit Euler; steps above `largest(time)` are rejected."""
 
     report_keys = frozenset({"contact_gap_max"})
+    nodes = 2
 
     def __init__(self, largest=lambda time: np.inf):
         self.largest, self.taken = largest, []
@@ -98,6 +99,14 @@ def test_frames_are_at_their_times_and_the_report_has_what_applies(spring, tmp_p
     assert json.loads((tmp_path / "job.json").read_text())["state"] == "succeeded"
     assert {path.name for path in tmp_path.iterdir()} == {
         "scene.json", "job.json", "frames", "trajectory.h5", "checkpoint.h5", "report.json", "log.jsonl"}
+
+
+def test_memory_is_told_per_node_where_there_are_nodes(spring, tmp_path):
+    with_nodes = run(scene(), tmp_path / "some")
+    assert with_nodes["memory_per_node_bytes"] < with_nodes["memory_peak_bytes"] // 2  # there are two
+    spring().nodes = 0
+    without = run(scene(), tmp_path / "none")
+    assert "memory_per_node_bytes" not in without and without["memory_peak_bytes"] > 0
 
 
 def test_contacts_that_begin_and_end_are_added_up(spring, tmp_path):

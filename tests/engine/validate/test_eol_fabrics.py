@@ -26,6 +26,12 @@ def test_contacts_part_on_the_very_step():
     assert entry["status"] == "pass", entry["note"]
 
 
+@pytest.mark.xfail(strict=True, reason="between stiff yarns friction changes from sticking to slipping all at once")
+def test_stacks_of_denim_take_few_iterations():
+    [entry] = catalogue.run(["eol-degenerate-denim"], quick=True)["cases"]
+    assert entry["status"] == "pass", entry["note"]
+
+
 def test_the_measure_of_acceleration_tells_coefficients_apart():
     time, speed = eol_fabrics.slide(0.5, eol_fabrics.STEEP, 0.0, 2e-3)
     gain = np.polyfit(time, speed, 1)[0]
@@ -48,7 +54,8 @@ def test_without_eil_nodes_rods_do_not_pass():
 
 
 def test_stacks_are_full_of_eil_points_and_some_are_coincident():
-    stacks = [eol_degenerate.stack(seed, layers) for seed in range(3) for layers in eol_degenerate.LAYERS]
+    stacks = [eol_degenerate.stack(cloth, seed, layers) for cloth in (eol_degenerate.COTTON, eol_degenerate.DENIM)
+              for seed in range(3) for layers in eol_degenerate.LAYERS]
     assert all(share >= eol_degenerate.SHARE for _, share in stacks)
     assert any(eol_degenerate.has_coincident_nodes(march) for march, _ in stacks)
 

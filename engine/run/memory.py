@@ -1,0 +1,43 @@
+"""What memory a run takes, and how much of it is the scene's rather than the program's."""
+
+import resource
+import sys
+
+import psutil
+from numba.core import event
+
+
+def memory_peak() -> int:
+    """Return the largest memory [bytes] that this process has held."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak  # Linux counts kilobytes
+
+
+class ProgramMemory(event.Listener):
+    """Memory [bytes] of interpreter, libraries and kernels: what is held when this is made, and each kernel's.
+
+    It listens to numba's compiler lock, which a kernel takes once, to be compiled or read from the cache: arrays of the
+    scene are not made meanwhile. Listen from before the scene is built.
+    """
+
+    EVENT = "numba:compiler_lock"
+
+    def __init__(self) -> None:
+        self._process = psutil.Process()
+        self._locks = self._before = 0  # held at present, inside one another; memory at the outermost
+        self.bytes = self._held()
+
+    def on_start(self, event: event.Event) -> None:
+        """Take note of the memory before a kernel."""
+        if self._locks == 0:
+            self._before = self._held()
+        self._locks += 1
+
+    def on_end(self, event: event.Event) -> None:
+        """Count what the kernel added."""
+        self._locks -= 1
+        if self._locks == 0:
+            self.bytes += self._held() - self._before
+
+    def _held(self) -> int:
+        return int(self._process.memory_info().rss)
