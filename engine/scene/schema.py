@@ -77,7 +77,7 @@ class Step(Part):
     """Successive steps of pulling after which a contact between fabrics is removed."""
     separation_force: NotNegative = YarnSettings.separation_force
     """Pull that counts as pulling, in weights of a rest segment or, where that is more, thousandths of the largest tension:
-    layers under tension are not flatter than that."""
+    layers under tension are not flatter than that. Forces about to count are found to ten times this, or the tolerance."""
     dynamic_contacts: bool = YarnSettings.dynamic_contacts
     """Let contacts of `contacts` that have ended, or lie within their `reach`, begin where yarns would pass through each
     other."""
