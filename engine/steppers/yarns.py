@@ -212,7 +212,7 @@ class YarnStepper:
         m, c = self.model, potential.chain
         normal_force.normal_forces(
             m.point_kind, m.point_nodes, m.side, points, c.before, c.after, m.node_point, m.node_yarn, m.radius,
-            m.rest_segment, m.bending_stiffness, m.stretch_stiffness, m.height, contact_force, x, u, force)
+            m.crossing_spacing, m.bending_stiffness, m.stretch_stiffness, m.height, contact_force, x, u, force)
 
     def add_contacts(self, state: YarnState, h: float, report: StepReport) -> None:
         """Let contacts begin where yarns would pass through each other."""
