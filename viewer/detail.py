@@ -54,7 +54,7 @@ def coarse(yarns: YarnFrame, detail: Detail) -> YarnFrame:
     """Return the frame within the budget; it has as many yarns as before, of which those left out have no nodes."""
     lines = yarns
     if segment_count(yarns) > detail.segments:
-        every = _next_coarseness(np.sqrt(segment_count(yarns) / detail.segments))
+        every = _next_coarseness(np.sqrt(np.count_nonzero(_shared(yarns.line_points)) / detail.segments))
         while segment_count(lines := _coarse_lines(yarns, every, detail.segments)) > detail.segments:
             every = _next_coarseness(GROWTH * every)
     if len(yarns.node_points) > detail.nodes:
@@ -112,13 +112,18 @@ def _coarse_lines(yarns: YarnFrame, every: int, segments: int) -> YarnFrame:
     stays = _stays(yarns.fabric, np.where(woven, every, every_single))
     node = np.flatnonzero(np.repeat(stays, np.diff(yarns.line_offsets)))
     point = yarns.line_points[node]
-    shared = np.bincount(point)[point] > 1  # with another yarn that stays
+    shared = _shared(point)  # with another yarn that stays
     ends = yarns.line_offsets[:-1][stays], yarns.line_offsets[1:][stays] - 1
     kept = np.zeros(len(yarns.line_points), bool)
     kept[node[shared]] = kept[ends[0]] = kept[ends[1]] = True
     last_kept = np.maximum.accumulate(np.where(kept[node], node, -1))
     kept[node] |= (node - last_kept) % (WEAVE_PERIOD * every) == 0
     return _with_lines(yarns, kept, np.where(woven, every * yarns.radius, yarns.radius))
+
+
+def _shared(points: NDArray[np.int32]) -> Flags:
+    """Return which line nodes lie at a point of two yarns: all but ends and points between crossings go on in coarse cloth."""
+    return np.bincount(points)[points] > 1
 
 
 def _stays(fabric: Ints, every: Ints) -> Flags:

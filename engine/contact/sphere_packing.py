@@ -21,7 +21,7 @@ from engine.contact.network import around, network_of, spread
 from engine.yarns.model import YarnModel, YarnState
 from engine.yarns.topology import Chain, chain_of
 
-NEAR_RADII, NEAR_SEGMENTS = 4.0, 2.0  # length along yarns within which the network joins, in radii plus rest segments
+NEAR_RADII, NEAR_CROSSINGS = 4.0, 2.0  # length along yarns within which the network joins, in radii plus crossing spacings
 SLACK = 0.25  # pairs are watched that are this far beyond contact, in the sum of their radii, besides what they may move
 
 
@@ -115,7 +115,7 @@ def touching(collisions: Collisions, model: YarnModel, state: YarnState, spheres
     along = cell.max(axis=0) + 2
     key = (cell[:, 0] * along[1] + cell[:, 1]) * along[2] + cell[:, 2]
     stored = np.argsort(key, kind="stable")
-    reach = NEAR_RADII * model.radius + NEAR_SEGMENTS * model.rest_segment
+    reach = NEAR_RADII * model.radius + NEAR_CROSSINGS * model.crossing_spacing
     network = network_of(model, state)
     beside = model.node_point[around(network, spheres.node, spheres.share, state.u)]
     yarn = _yarn(model, spheres, slice(None))

@@ -30,9 +30,12 @@ def add_fabric(
         for line, length in zip(family.pieces.line.tolist(), family.lengths.tolist(), strict=True):
             of_yarn = materials[line % len(materials)]
             distance = fabric.obstacle_distance or default_obstacle_distance(of_yarn.radius, level)
-            assembly.yarn(of_yarn, length, family.spacing, index, fabric.kinematic, distance)
+            assembly.yarn(of_yarn, length, family.spacing / fabric.segments_per_crossing, index, fabric.kinematic, distance,
+                          family.spacing)
     _add_crossings(assembly, first, fabric, patch, handles)
     _add_ends(assembly, first, fabric, patch, handles)
+    if fabric.segments_per_crossing > 1:
+        _add_divisions(assembly, first, fabric, patch, handles)
     return first
 
 
@@ -90,6 +93,23 @@ def _add_ends(
                     held = _ends_at(family, bool(last), hold.extent)
                     pinned[held], handle[held] = True, handles[hold.handle]
             assembly.lagrangians(first + yarn, u, family.at(yarn, u), pinned, handle)
+        first += family.count
+
+
+def _add_divisions(
+    assembly: YarnAssembly, first: int, fabric: Fabric, patch: Weave, handles: Mapping[str | None, int]
+) -> None:
+    """Add the points between crossings; a clamp holds those between the crossings and the ends that it holds."""
+    for index, family in enumerate(patch.families):
+        yarn, u = family.divisions(fabric.segments_per_crossing)
+        pinned, handle = np.full(len(u), fabric.kinematic), np.full(len(u), -1)
+        for hold in fabric.holds:
+            of_family, last = _ENDING[hold.edge]
+            if hold.hold == "clamped" and of_family == index:
+                beyond = u > family.last[yarn] if last else u < family.first[yarn]
+                held = beyond & _ends_at(family, last, hold.extent)[yarn]
+                pinned[held], handle[held] = True, handles[hold.handle]
+        assembly.lagrangians(first + yarn, u, family.at(yarn, u), pinned, handle)
         first += family.count
 
 

@@ -77,7 +77,7 @@ class Step(Part):
     """Successive steps of pulling after which a contact between fabrics is removed."""
     separation_force: NotNegative = YarnSettings.separation_force
     """Pull that counts as pulling, in weights of a rest segment or, where that is more, thousandths of the largest tension:
-    layers under tension are not flatter than that."""
+    layers under tension are not flatter than that. Forces about to count are found to ten times this, or the tolerance."""
     dynamic_contacts: bool = YarnSettings.dynamic_contacts
     """Let contacts of `contacts` that have ended, or lie within their `reach`, begin where yarns would pass through each
     other."""
@@ -189,6 +189,9 @@ class Fabric(Part):
     """Centre of the patch [m]."""
     rotation: Angles = (0.0, 0.0, 0.0)
     """Rotations about the fixed x, y, z axes through the centre, in this order."""
+    segments_per_crossing: Annotated[int, Field(ge=1, le=8)] = 1
+    """Segments of a yarn between neighbouring crossings: with more than one, fixed points of the discretisation lie between
+    them, and between an end and the crossing next to it where these are further apart than such a segment is long."""
     friction: Friction = 0.5
     """Friction of warps on wefts."""
     kinematic: bool = False

@@ -60,7 +60,8 @@ def part_sizes(scene: Scene) -> Iterator[PartSize]:
     patches = {fabric.name: weave(fabric) for fabric in scene.fabrics}
     for i, fabric in enumerate(scene.fabrics):
         ends, crossings = 2 * patches[fabric.name].yarn_count, patches[fabric.name].crossing_count
-        yield PartSize(f"fabrics[{i}]", ends + crossings, ends + 2 * crossings)
+        alone = ends + patches[fabric.name].division_count(fabric.segments_per_crossing)
+        yield PartSize(f"fabrics[{i}]", alone + crossings, alone + 2 * crossings)
     for i, contact in enumerate(scene.contacts):
         count = contact_count(contact, patches[contact.lower], patches[contact.upper])
         yield PartSize(f"contacts[{i}]", count, 2 * count)

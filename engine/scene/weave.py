@@ -29,6 +29,46 @@ class Family:
         """Length of each yarn [m]."""
         return self.pieces.high - self.pieces.low
 
+    @property
+    def first(self) -> Floats:
+        """How far from its start each yarn has its first crossing [m]."""
+        return (np.ceil(self.pieces.low / self.spacing - 0.5) + 0.5) * self.spacing - self.pieces.low
+
+    @property
+    def last(self) -> Floats:
+        """How far from its start each yarn has its last crossing [m]."""
+        return (np.floor(self.pieces.high / self.spacing - 0.5) + 0.5) * self.spacing - self.pieces.low
+
+    def divisions(self, segments: int) -> tuple[Ints, Floats]:
+        """Return yarn [n] and u [n] [m] of the places that divide yarns, crossings and ends not among them.
+
+        There are so many `segments` between neighbouring crossings, and none is longer between ends and crossings.
+        """
+        before, between, behind = self._segments(segments)
+        inner = before + between + behind - 1
+        yarn = np.repeat(np.arange(self.count), inner)
+        number = 1 + np.arange(len(yarn)) - np.repeat(np.cumsum(inner) - inner, inner)
+        from_first = number - before[yarn]
+        from_last = from_first - between[yarn]
+        u = self.first[yarn] + from_first * self.spacing / segments
+        u = np.where(from_first < 0, (self.first / before)[yarn] * number, u)
+        u = np.where(from_last > 0, self.last[yarn] + ((self.lengths - self.last) / behind)[yarn] * from_last, u)
+        divides = (from_first < 0) | (from_last > 0) | (from_first % segments > 0)
+        return yarn[divides], u[divides]
+
+    def division_count(self, segments: int) -> int:
+        """Return the number of `divisions`."""
+        before, between, behind = self._segments(segments)
+        return int((before + behind - 2 + between // segments * (segments - 1)).sum())
+
+    def _segments(self, segments: int) -> tuple[Ints, Ints, Ints]:
+        """Numbers of segments before the first crossing of each yarn, between its crossings, and behind the last one."""
+        longest = self.spacing / segments
+        before, between, behind = self.first / longest, (self.last - self.first) / longest, (self.lengths - self.last) / longest
+        # a hair less, so that rounding adds no segment where they fit evenly
+        return (np.ceil(before - 1e-9).astype(np.int64), np.round(between).astype(np.int64),
+                np.ceil(behind - 1e-9).astype(np.int64))
+
     def at(self, yarn: Ints, u: Floats) -> Floats:
         """Return the places at `u` [n] from the start of each `yarn` [n], shape [n, 3] [m]."""
         return self.lines.at(self.pieces.line[yarn], self.pieces.low[yarn] + u)
@@ -82,6 +122,10 @@ class Weave:
     def crossing_count(self) -> int:
         """Number of places where a warp crosses a weft."""
         return self.warps.lines.count * self.wefts.lines.count if self.kept is None else int(self.kept.sum())
+
+    def division_count(self, segments: int) -> int:
+        """Return the number of places that divide warps and wefts into so many `segments` between crossings."""
+        return sum(family.division_count(segments) for family in self.families)
 
     def crossings(self) -> tuple[Ints, Ints]:
         """Return the lines of the warp and of the weft for every crossing, each of shape [n]."""

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from engine.arrays import Floats, Ints
+from engine.arrays import Flags, Floats, Ints
 from engine.contact import obstacles as obstacle_contact
 from engine.contact.collisions import pressing
 from engine.contact.obstacles import Obstacles, motion
@@ -14,12 +14,14 @@ from engine.steppers.newton_system import NewtonSystem
 from engine.steppers.step_report import StepReport, Stopwatch
 from engine.yarns import addition, contact, friction, friction_circle, inertia, normal_force, transition
 from engine.yarns.handles import Handles
-from engine.yarns.model import YarnModel, YarnState
+from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.removal import parted, remove
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, assign, chain_of
 
 NEARLY = 100.0  # times the tolerance: from this residual on, multipliers are worth an update
+# pulls that count: a contact force that may lack less is not worth more iterations, since only successive pulls end a contact
+ENOUGH = 10.0
 
 
 class YarnStepper:
@@ -58,7 +60,10 @@ class YarnStepper:
             scale = self.measure(report, potential, gradient, x, u)
             closed = report.constraint_gap <= self.settings.gap_tolerance
             if closed and report.residual <= self.settings.tolerance:
-                break
+                last = report.newton_iterations == self.settings.max_newton
+                closed = last or not self.in_doubt(potential, x, u, scale).any()
+                if closed:
+                    break
             if not closed and report.residual <= NEARLY * self.settings.tolerance:
                 if potential.update_multipliers(self.settings.gap_tolerance * self.least_radius):
                     system.forget_factor()
@@ -167,10 +172,7 @@ class YarnStepper:
         start.contact_force, start.gap_offset = potential.contact_force(), potential.offset
         start.gap[:] = 0.0
         start.gap[potential.split] = potential.gap[potential.split] + potential.offset[potential.split]
-        normal_force.normal_forces(
-            m.point_kind, m.point_nodes, m.side, start.active, c.before, c.after, at, m.node_yarn, m.radius,
-            m.rest_segment, m.bending_stiffness, m.stretch_stiffness, m.height, start.contact_force, x, u,
-            start.normal_force)
+        self.write_normal_forces(start.active, potential, start.contact_force, x, u, start.normal_force)
         pulling = start.normal_force < -s.separation_force * scale
         start.pulling_steps = np.where(pulling, start.pulling_steps + 1, 0)
         untouched = np.ones(m.point_count, np.bool_)
@@ -184,6 +186,33 @@ class YarnStepper:
             report.penetration = deepest / float(self.radius[potential.touching].min())
 
         start.x, start.u = x, u
+
+    def in_doubt(self, potential: IncrementalPotential, x: Floats, u: Floats, scale: float) -> Flags:
+        """Return which contacts between fabrics pull or press as far as their gaps let one know, shape [P].
+
+        What its gap adds to a multiplier is a measure of what the contact force lacks still: a small gap between stiff yarns is
+        no small force. It matters where it is more than a multiple of the pull that counts as pulling, and than the residual
+        that a step may leave; `scale` is that of forces [N].
+        """
+        m, s, split = self.model, self.settings, potential.split
+        threshold = s.separation_force * scale
+        lacking = np.zeros(m.point_count)
+        lacking[split] = potential.constraint_stiffness[split] * np.linalg.norm(potential.gap[split], axis=1)
+        doubtful = (m.point_kind == PointKind.CONTACT) & (lacking > max(ENOUGH * threshold, s.tolerance * scale))
+        if doubtful.any():
+            force = np.zeros(m.point_count)
+            self.write_normal_forces(doubtful, potential, potential.contact_force(), x, u, force)
+            doubtful &= np.abs(force + threshold) <= lacking
+        return doubtful
+
+    def write_normal_forces(
+        self, points: Flags, potential: IncrementalPotential, contact_force: Floats, x: Floats, u: Floats, force: Floats
+    ) -> None:
+        """Write F_n [N] of `points` [P] to `force` [P], 0 for the others; `contact_force` [P, 3] acts on them [N]."""
+        m, c = self.model, potential.chain
+        normal_force.normal_forces(
+            m.point_kind, m.point_nodes, m.side, points, c.before, c.after, m.node_point, m.node_yarn, m.radius,
+            m.crossing_spacing, m.bending_stiffness, m.stretch_stiffness, m.height, contact_force, x, u, force)
 
     def add_contacts(self, state: YarnState, h: float, report: StepReport) -> None:
         """Let contacts begin where yarns would pass through each other."""

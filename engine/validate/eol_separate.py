@@ -98,7 +98,7 @@ def _compare_with_held(march: March, before: YarnState, dt: float) -> Removal:
     """Repeat the last step without removing anything, and say what the removal changed."""
     m, state, held = march.model, march.state, before.copy()
     stepper = march.stepper
-    march.pull(stepper.gravity, separation_steps=2**31)
+    march.pull(stepper.gravity, separation_steps=2**31, separation_force=0.0)
     march.stepper.step(held, march.time - dt, dt)
     new, old = observe.chain_now(m, state), observe.chain_now(m, held)
     kept = new.node[(new.after[new.node] >= 0) & np.isin(new.node, old.node)]

@@ -44,12 +44,14 @@ class YarnAssembly:
         fabric: int = -1,
         kinematic: bool = False,
         obstacle_distance: float | None = None,
+        crossing_spacing: float | None = None,
     ) -> int:
-        """Add a yarn of undeformed `length` [m]; returns its index."""
+        """Add a yarn of undeformed `length` [m]; returns its index. Crossings are a rest segment apart where not given."""
         distance = material.radius if obstacle_distance is None else obstacle_distance
+        spacing = rest_segment if crossing_spacing is None else crossing_spacing
         self.yarns.append(
             dict(vars(material), length=length, rest_segment=rest_segment, fabric=fabric, kinematic=kinematic,
-                 obstacle_distance=distance)
+                 obstacle_distance=distance, crossing_spacing=spacing)
         )
         return len(self.yarns) - 1
 
@@ -145,7 +147,7 @@ class YarnAssembly:
             node_start=node_start,
             fabric=yarn_values("fabric", np.int64),
             **{name: yarn_values(name) for name in (
-                "length", "rest_segment", "density", "radius", "stretch_stiffness", "bending_stiffness",
+                "length", "rest_segment", "crossing_spacing", "density", "radius", "stretch_stiffness", "bending_stiffness",
                 "shear_stiffness", "mass_damping", "stretch_damping", "obstacle_distance")},
             kinematic=yarn_values("kinematic", np.bool_),
             node_yarn=node_yarn, node_point=node_point, node_slot=node_slot,

@@ -44,6 +44,7 @@ class YarnModel:
     fabric: Ints  # fabric that the yarn belongs to, -1 for a single yarn, shape [Y]
     length: Floats  # undeformed length [m], shape [Y]
     rest_segment: Floats  # length of a rest-shape segment [m], shape [Y]
+    crossing_spacing: Floats  # of the crossings of a fabric along the yarn; without a fabric its rest segment [m], shape [Y]
     density: Floats  # mass per undeformed length rho [kg/m], shape [Y]
     radius: Floats  # R [m], shape [Y]
     stretch_stiffness: Floats  # k_s = Y pi R^2 [N], shape [Y]

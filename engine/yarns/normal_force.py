@@ -23,7 +23,7 @@ EYELET, EDGE = int(PointKind.EYELET), int(PointKind.EDGE)
 @njit(cache=True)
 def normal_forces(
     point_kind, point_nodes, side, active, before, after, node_point, node_yarn,
-    radius, rest_segment, bending_stiffness, stretch_stiffness, height, contact_force, x, u, force,
+    radius, spacing, bending_stiffness, stretch_stiffness, height, contact_force, x, u, force,
 ):
     """Write F_n [N] of every point to `force` [P]: positive where yarns press, negative where they pull.
 
@@ -53,7 +53,7 @@ def normal_forces(
                 for m in (i, j):
                     y = node_yarn[m]
                     tension = stretch_stiffness[y] * (stretch(m, before, after, node_point, x, u) - 1.0)
-                    force[p] += 0.5 * crimp_force(offset, rest_segment[y], bending_stiffness[y], tension)
+                    force[p] += 0.5 * crimp_force(offset, spacing[y], bending_stiffness[y], tension)
 
 
 def at_rest(model: YarnModel, state: YarnState, chain: "Chain") -> Floats:
@@ -61,7 +61,7 @@ def at_rest(model: YarnModel, state: YarnState, chain: "Chain") -> Floats:
     force = np.zeros(model.point_count)
     normal_forces(
         model.point_kind, model.point_nodes, model.side, state.active, chain.before, chain.after,
-        model.node_point, model.node_yarn, model.radius, model.rest_segment, model.bending_stiffness,
+        model.node_point, model.node_yarn, model.radius, model.crossing_spacing, model.bending_stiffness,
         model.stretch_stiffness, np.zeros(model.node_count), state.contact_force, state.x, state.u, force)
     return force
 

@@ -48,7 +48,7 @@ def touching_pairs(model: YarnModel, state: YarnState, chain: Chain) -> tuple[In
     yarn = model.node_yarn[first]
     distance = model.radius[model.node_yarn[crossed]].sum(axis=1) + np.where(apart, 2.0 * model.radius[yarn], 0.0)
     on = ~apart | bends[crossed].any(axis=1)
-    return pair[on], np.minimum(distance, SHARE * model.rest_segment[yarn])[on]
+    return pair[on], np.minimum(distance, SHARE * model.crossing_spacing[yarn])[on]
 
 
 def within_reach(pair: Ints, distance: Floats, u: Floats, u_rate: Floats, h: float) -> Flags:

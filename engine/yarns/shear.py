@@ -30,12 +30,12 @@ def sheared(model: YarnModel, state: YarnState) -> Ints:
 
 def stiffness(model: YarnModel) -> Floats:
     """Return k_x L of every point, the mean of its two yarns, shape [P] [N m]."""
-    return _mean_of_yarns(model, model.shear_stiffness) * _mean_of_yarns(model, model.rest_segment)
+    return _mean_of_yarns(model, model.shear_stiffness) * _mean_of_yarns(model, model.crossing_spacing)
 
 
 def free_angle(model: YarnModel) -> Floats:
     """Return a_jam of every point: how far phi may be from pi / 2 before yarns meet, shape [P] [rad]."""
-    jammed = 2.0 * np.arcsin(np.minimum(_mean_of_yarns(model, model.radius / model.rest_segment), 1.0))
+    jammed = 2.0 * np.arcsin(np.minimum(_mean_of_yarns(model, model.radius / model.crossing_spacing), 1.0))
     return np.maximum(0.5 * np.pi - jammed, 0.0)
 
 

@@ -48,6 +48,22 @@ def cloth(warps: int, wefts: int, singles: int = 0, fabrics: int = 1) -> YarnFra
     )
 
 
+def divided(yarns: YarnFrame, segments: int) -> YarnFrame:
+    """The frame with further points, so that so many segments lie between neighbouring crossings."""
+    inner = line_yarns(yarns)[:-1] == line_yarns(yarns)[1:]
+    steps = np.append(np.where(inner, segments, 1), 1)
+    start = np.repeat(np.arange(len(steps)), steps)
+    share = (np.arange(len(start)) - np.repeat(np.cumsum(steps) - steps, steps)) / steps[start]
+    after = np.minimum(start + 1, len(steps) - 1)
+    places = yarns.line_positions
+    new = share > 0
+    points = np.where(new, len(yarns.node_points) + np.cumsum(new) - 1, yarns.line_points[start]).astype(np.int32)
+    return replace(
+        yarns, line_positions=(1 - share[:, None]) * places[start] + share[:, None] * places[after], line_points=points,
+        line_strain=np.zeros(len(start)), line_offsets=np.append(np.cumsum(steps) - steps, len(start))[yarns.line_offsets],
+    )
+
+
 cloths = st.builds(cloth, st.integers(2, 40), st.integers(2, 40), st.integers(0, 5), st.integers(1, 3))
 
 
@@ -106,6 +122,20 @@ def test_a_coarse_cloth_is_a_cloth_of_every_fifth_yarn():
     inner = np.ones(len(drawn.line_points), bool)
     inner[drawn.line_offsets[used]] = inner[drawn.line_offsets[used + 1] - 1] = False
     assert (crossings[drawn.line_points[inner]] == 2).all(), "nodes are crossings with yarns that are drawn"
+
+
+@pytest.mark.parametrize("segments", [2, 5, 8])
+def test_points_between_crossings_are_left_out_first(segments):
+    yarns = divided(cloth(101, 101), segments)
+    assert segment_count(yarns) == 2 * 101 * 100 * segments
+    for budget, apart in ((2000, 5), (45_000, 1)):
+        drawn = coarse(yarns, Detail(budget, 1 << 40))
+        used = np.flatnonzero(np.diff(drawn.line_offsets))
+        warps, wefts = used[used < 101], used[used >= 101] - 101
+        assert set(np.diff(warps)) == {apart} and np.allclose(drawn.radius, apart * yarns.radius)
+        crossings = (warps[:, None] * 101 + wefts).ravel()
+        assert (np.bincount(drawn.line_points)[crossings] == 2).all(), "all crossings of what is drawn"
+        assert segment_count(drawn) <= budget
 
 
 def test_long_single_yarns_lose_nodes_not_thickness():

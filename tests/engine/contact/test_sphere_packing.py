@@ -10,8 +10,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from engine.contact.sphere_packing import (
+    NEAR_CROSSINGS,
     NEAR_RADII,
-    NEAR_SEGMENTS,
     SLACK,
     collision_pairs,
     collisions_at_start,
@@ -149,7 +149,7 @@ def test_the_search_finds_what_looking_at_every_pair_finds(seed):
     expected = set()
     near, beside = network_distances(model, state), points_beside(model, state, spheres)
     motion = spheres.motion - spheres.motion.mean(axis=0)
-    reach = NEAR_RADII * model.radius[0] + NEAR_SEGMENTS * model.rest_segment[0]
+    reach = NEAR_RADII * model.radius[0] + NEAR_CROSSINGS * model.crossing_spacing[0]
     for a in range(len(spheres.share)):
         apart = np.linalg.norm(spheres.centre[a] - spheres.centre, axis=1)
         moves = np.linalg.norm(motion[a] - motion, axis=1)

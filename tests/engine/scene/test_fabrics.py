@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from engine.scene.build import build
-from engine.scene.load import load_scene
+from engine.scene.build import build, estimate
+from engine.scene.load import SceneError, load_scene
 from engine.scene.stack import contact_count, touches
 from engine.scene.weave import weave
 from engine.yarns.model import PointKind
@@ -135,3 +135,55 @@ def test_contacts_at_any_angle_are_counted_without_looking_at_each():
     tracemalloc.stop()
     assert count > 245_000 and peak < 1e6
     assert count == sum(len(touch.below) for touch in touches(contact, lower, upper))
+
+
+TRIANGLE = [[-0.01, -0.012], [0.011, -0.01], [0.0, 0.013]]
+DART = [[-0.02, 0.0], [0.0, -0.01], [0.02, 0.0], [0.0, 0.03]]
+
+
+@settings(max_examples=30, deadline=None)
+@given(segments=st.integers(1, 8), warps=st.integers(6, 9), wefts=st.integers(6, 9),
+       outline=st.sampled_from([None, TRIANGLE, DART]), between=st.tuples(*[st.floats(3e-3, 6e-3)] * 2))
+def test_points_between_crossings_divide_yarns_evenly(segments, warps, wefts, outline, between):
+    patch = cloth(warps=warps, wefts=wefts, spacing=list(between), outline=outline)
+    scene = load_scene(scene_of(fabrics=[patch | {"segments_per_crossing": segments}]))
+    made, undivided = build(scene), build(load_scene(scene_of(fabrics=[patch])))
+    model, state, size = made.yarns, made.state, estimate(scene)
+    assert (model.node_count, model.point_count) == (size.nodes, size.points)
+    np.testing.assert_array_equal(state.x[: undivided.yarns.point_count], undivided.state.x)
+    np.testing.assert_array_equal(model.crossing_spacing, undivided.yarns.rest_segment)
+    np.testing.assert_allclose(model.rest_segment, model.crossing_spacing / segments)
+    alone = np.arange(model.point_count) >= undivided.yarns.point_count
+    assert (model.point_kind[alone] == PointKind.LAGRANGIAN).all() and (model.point_nodes[alone, 1] == -1).all()
+    for yarn in range(model.yarn_count):
+        nodes = slice(model.node_start[yarn], model.node_start[yarn + 1])
+        length, crosses = np.diff(state.u[nodes]), np.flatnonzero(~model.u_fixed[nodes])
+        assert (np.diff(crosses) == segments).all()
+        np.testing.assert_allclose(length[crosses[0] : crosses[-1]], model.rest_segment[yarn])
+        assert length.max() <= model.rest_segment[yarn] * (1 + 1e-9)
+        np.testing.assert_allclose(np.linalg.norm(np.diff(state.x[model.node_point[nodes]], axis=0), axis=1), length, rtol=1e-9)
+
+
+def test_points_between_crossings_are_held_with_what_is_clamped():
+    patch = cloth(warps=4, wefts=4, spacing=0.01, segments_per_crossing=4)
+    made = built(fabrics=[patch | {"holds": [{"edge": "left", "hold": "clamped", "handle": "h"}]}], script=SCRIPT)
+    assert {x for x, _ in held_at(made, 1)} == {-0.02, -0.0175, -0.015} and len(held_at(made, 1)) == 4 * 3
+    made = built(fabrics=[patch | {"holds": [{"edge": "left", "handle": "h"}]}], script=SCRIPT)
+    assert {x for x, _ in held_at(made, 1)} == {-0.02}
+    assert not built(fabrics=[patch | {"kinematic": True}]).yarns.free_directions.any()
+
+
+def test_seams_and_contacts_leave_points_between_crossings_as_they_are():
+    fabrics = [cloth("a", warps=8, wefts=8, segments_per_crossing=3),
+               cloth("b", position=[0.0028, 0.0028, 0], segments_per_crossing=2)]
+    made = built(fabrics=fabrics, contacts=[{"lower": "a", "upper": "b", "seams": [{"edge": "left"}]}])
+    size = estimate(load_scene(scene_of(fabrics=fabrics, contacts=[{"lower": "a", "upper": "b"}])))
+    assert (made.yarns.node_count, made.yarns.point_count) == (size.nodes, size.points)
+    resting = made.state.eil & (made.yarns.point_kind == PointKind.LAGRANGIAN)[made.yarns.node_point]
+    assert resting.any(), "contacts that are close to them push them aside"
+
+
+@pytest.mark.parametrize("segments", [0, 9, 1.5])
+def test_numbers_of_segments_out_of_bounds_are_named(segments):
+    with pytest.raises(SceneError, match=r"fabrics\[0\].segments_per_crossing"):
+        load_scene(scene_of(fabrics=[cloth(segments_per_crossing=segments)]))
