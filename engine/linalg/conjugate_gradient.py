@@ -9,7 +9,6 @@ from scipy.linalg import eigvalsh_tridiagonal
 from engine.arrays import Floats
 from engine.linalg.block_matrix import CHUNK, BlockMatrix
 
-
 LOOKS = (10, 20, 40)  # iterations after which the spectrum is looked at
 
 

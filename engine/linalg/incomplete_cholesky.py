@@ -46,7 +46,8 @@ def factorise(factor: IncompleteCholesky, stronger: bool = False) -> bool:
     growing shift. `stronger` begins with a larger shift than the last, for a factor that proved useless.
     """
     a = factor.matrix
-    factor.shift, least = next_shift(factor.shift) if stronger else 0.0, a.block.dtype.type(LEAST_PIVOT * np.finfo(a.block.dtype).eps)
+    factor.shift = next_shift(factor.shift) if stronger else 0.0
+    least = a.block.dtype.type(LEAST_PIVOT * np.finfo(a.block.dtype).eps)
     failed = np.zeros(len(a.strips.start) - 1, np.bool_)
     while True:
         _factorise(a.strips.start, a.strips.reds, a.start, a.column, a.diagonal, a.block, a.block.dtype.type(factor.shift),
