@@ -6,16 +6,17 @@ directions. With P what the unknowns of rows do then, the correction P (P^T A P)
 Stiff woven cloth is stretched over hundreds of yarns within a step, and its layers slide on each other as a whole. For a
 pull on the full `jeans-pocket` incomplete factors with patches of both layers together need 85 iterations, however small
 the patches (4 to 16 yarns); with patches of one layer each, of 16 yarns, 19. Later Newton iterations, which bend: 140
-iterations with patches of 24 yarns, 102 with 16, 79 with 12; `shirt-tag-stretch-h` 139 with 12, 84 with 8, 59 with 6. A
-V-cycle over still smaller patches costs more than it saves: bending is too stiff for Gauss-Seidel.
+iterations with patches of 24 yarns, 102 with 16, 79 with 12; `shirt-tag-stretch-h` 139 with 12, 84 with 8, and 59 with 6,
+whose factor takes more memory than all else. A V-cycle over still smaller patches costs more than it saves: bending is too
+stiff for Gauss-Seidel.
 """
 
 import numpy as np
 from numba import njit, prange
-from scipy.sparse import csc_array
+from scipy.sparse import bsr_array
 from scipy.sparse.linalg import splu
 
-from engine.arrays import Floats, Ints
+from engine.arrays import Floats, Ints, Singles
 from engine.linalg.block_matrix import BLOCK, BlockMatrix
 from engine.linalg.conjugate_gradient import Preconditioner
 from engine.linalg.patches import MODES, form_patches
@@ -30,7 +31,7 @@ RIDGE = 1e-6  # of the diagonal is added: where most of a patch is held, its mod
 class CoarseSpace:
     """The patches of a matrix, each of the displacement of one body."""
 
-    def __init__(self, matrix: BlockMatrix, place: Floats, bodies: Ints, response: Floats, edge: float):
+    def __init__(self, matrix: BlockMatrix, place: Floats, bodies: Ints, response: Singles, edge: float):
         """Form patches of rows at `place` [n, 3] in cubes of `edge` [m], or larger ones where these would be too many.
 
         A row belongs to one or two `bodies` [n, 2], -1 for none; `response` [n, 2, 5, 3] is how its unknowns follow their
@@ -40,19 +41,22 @@ class CoarseSpace:
         self.patches = form_patches(place, bodies, edge, MOST_PATCHES, matrix.start, matrix.column)
 
     def refresh(self) -> bool:
-        """Factorise P^T A P for the present values of the matrix; false where it is not positive definite."""
+        """Factorise P^T A P for the present values of the matrix; false where it is singular.
+
+        Where it is indefinite, conjugate gradients find that out.
+        """
         a, p = self.matrix, self.patches
         block = np.zeros((len(p.column), SIZE, SIZE))
         _coarse_matrix(a.start, a.column, a.block, p.of, p.mode, self.response, p.members, p.start, p.first, p.column, block)
-        patch, within = np.repeat(np.arange(p.count), np.diff(p.first)), np.arange(SIZE)
-        row = np.broadcast_to(SIZE * patch[:, None, None] + within[:, None], block.shape)
-        column = np.broadcast_to(SIZE * p.column[:, None, None] + within, block.shape)
-        coarse = csc_array((block.ravel(), (row.ravel(), column.ravel())))
+        coarse = bsr_array((block, p.column, p.first)).tocsr().T  # by columns, for nothing: it is symmetric
         diagonal = coarse.diagonal()
         absent = diagonal <= FLAT * diagonal.max()
         coarse.setdiag(np.where(absent, diagonal.max(), (1.0 + RIDGE) * diagonal))
-        self.factor = splu(coarse, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        return bool(self.factor.U.diagonal().min() > 0.0)
+        try:
+            self.factor = splu(coarse, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        except RuntimeError:  # exactly singular
+            return False
+        return True
 
     def add_correction(self, b: Floats, out: Floats) -> None:
         """Add P (P^T A P)^-1 P^T b to out, both [n, 5]."""

@@ -23,7 +23,7 @@ class Outcome(NamedTuple):
     """What became of a solution."""
 
     iterations: int
-    positive: bool  # the matrix was along all directions of the search
+    positive: bool  # matrix and preconditioner were along all directions of the search, so that x descends along b
     sound: bool  # no eigenvalue of M^-1 A was found to be an outlier
 
 
@@ -34,8 +34,8 @@ def conjugate_gradient(
     """Solve a x = b from x = 0 until the preconditioned residual falls by `tolerance`, or all of it to `floor`.
 
     b and x have shape [n, 5]; x is overwritten. The norm is that of the preconditioner, in which the iteration itself
-    measures: (r, M^-1 r)^1/2; `floor` bounds every component of r. It ends early where the matrix is found not to be
-    positive, or the preconditioner not to be sound: factors that nearly broke down give M^-1 A a few huge eigenvalues, which
+    measures: (r, M^-1 r)^1/2; `floor` bounds every component of r. It ends early where matrix or preconditioner are found
+    not to be positive, or the latter not to be sound: factors that nearly broke down give M^-1 A a few huge eigenvalues, which
     the Lanczos matrix of the iteration shows long before they have been dealt with. `outlier` is what none may exceed.
     """
     x[:] = 0.0
@@ -46,10 +46,11 @@ def conjugate_gradient(
     p = z.copy()
     rho = dot(r, z)
     target = tolerance * tolerance * rho
-    steps, turns = [], []
+    steps: list[float] = []
+    turns: list[float] = []
+    if rho <= 0.0:
+        return Outcome(0, rho == 0.0, True)
     for iteration in range(1, max_iterations + 1):
-        if rho <= 0.0:
-            return Outcome(iteration - 1, True, True)
         a.multiply(p, q)
         curvature = dot(p, q)
         if curvature <= 0.0:
@@ -58,6 +59,8 @@ def conjugate_gradient(
         advance(steps[-1], p, q, x, r)
         preconditioner.solve(r, z)
         rho_next = dot(r, z)
+        if rho_next < -target:
+            return Outcome(iteration, False, True)
         if rho_next <= target or largest(r) <= floor:
             return Outcome(iteration, True, True)
         if iteration in LOOKS and largest_eigenvalue(steps, turns) > outlier:

@@ -45,9 +45,8 @@ def form_patches(place: Floats, bodies: Ints, edge: float, most: int, start: Int
         of_member = _cubes(at, body, edge)
     order = np.argsort(of_member, kind="stable")
     patch_start = np.searchsorted(of_member[order], np.arange(of_member[order[-1]] + 2)).astype(np.int64)
-    of = np.full(bodies.size, -1, np.int64)
-    of[members] = of_member
-    of, by_patch = of.reshape(-1, 2), members[order]
+    of, by_patch = np.full(bodies.shape, -1, np.int64), members[order]
+    of.reshape(-1)[members] = of_member
     mode = np.ones((bodies.size, MODES))
     mode[members, 1:] = _linear_modes(at, of_member, edge)
     return Patches(of, by_patch, patch_start, mode.reshape(-1, 2, MODES), *_neighbours(start, column, of, by_patch, patch_start))

@@ -15,7 +15,7 @@ OUTLIER = 8.0  # eigenvalue that a sound preconditioner does not leave: incomple
 STALE = 2  # times as many iterations as with a fresh factor end the use of an old one
 MANY = 1000  # points from which on a coarse space pays, and single precision
 FAR = 15.0  # segments that a wave of stretch runs within a step, from where on it pays
-PATCH = 6.0  # edge of a patch of cloth in rest segments
+PATCH = 8.0  # edge of a patch of cloth in rest segments
 MARGIN = 0.3  # of Newton's goal, for what the Hessian does not foresee
 
 

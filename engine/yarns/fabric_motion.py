@@ -10,7 +10,7 @@ Fabrics can thus slide on each other for the price of friction; in the normal di
 import numpy as np
 from numba import njit, prange
 
-from engine.arrays import Floats, Ints
+from engine.arrays import Floats, Ints, Singles
 from engine.linalg.block_matrix import BLOCK
 from engine.yarns.friction_circle import slopes
 from engine.yarns.model import YarnModel, YarnState
@@ -27,7 +27,7 @@ def fabrics_at(model: YarnModel) -> Ints:
     return np.column_stack([of_first, np.where((second >= 0) & (of_second != of_first), of_second, -1)])
 
 
-def responses(model: YarnModel, state: YarnState, chain: Chain, fabrics: Ints, projector: Floats, points: Ints) -> Floats:
+def responses(model: YarnModel, state: YarnState, chain: Chain, fabrics: Ints, projector: Floats, points: Ints) -> Singles:
     """Return how the five unknowns of `points` [n] follow the displacements of both `fabrics` [P, 2], shape [n, 2, 5, 3].
 
     `projector` [P, 5, 5] takes away those that are held.
