@@ -26,6 +26,14 @@ def blocked(full: Floats, pairs, dtype: DTypeLike = np.float64) -> tuple[BlockMa
     return a, number
 
 
+class Identity:
+    """The preconditioner that does nothing."""
+
+    def solve(self, b: Floats, out: Floats) -> None:
+        """Copy b into out."""
+        out[:] = b
+
+
 def factors(a: BlockMatrix) -> IncompleteCholesky | None:
     """Return the incomplete factors of `a`, None where there are none."""
     factor = incomplete_cholesky(a)

@@ -7,17 +7,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.linalg.block_matrix import BLOCK
-from engine.linalg.conjugate_gradient import conjugate_gradient
-from tests.engine.linalg.dense import blocked, chain, dense, factors, grid, positive
+from engine.linalg.conjugate_gradient import LOOKS, conjugate_gradient, largest_eigenvalue
+from tests.engine.linalg.dense import Identity, blocked, chain, dense, factors, grid, positive
 
 GRID = grid(4, 3)
 
 
-class Identity:
-    """The preconditioner that does nothing."""
+class Dense:
+    """Multiplication by a full matrix, in the order of the rows."""
+
+    def __init__(self, full):
+        self.full = full
 
     def solve(self, b, out):
-        out[:] = b
+        out[:] = (self.full @ b.ravel()).reshape(b.shape)
 
 
 def solved(full, b, pairs, preconditioner=None, tolerance=1e-12, most=1000):
@@ -127,3 +130,65 @@ def test_a_matrix_and_factors_in_single_precision_solve_to_its_precision():
     assert conjugate_gradient(a, by_row, x, factors(a), 1e-10, 1000)[1]
     wanted = np.linalg.solve(full, b.ravel())
     assert np.linalg.norm(x[number].ravel() - wanted) <= 1e-5 * np.linalg.norm(wanted)
+
+
+def textbook_steps(full, inverse, b, count):
+    """The steps alpha and turns beta of so many iterations of the method."""
+    r, z = b, inverse @ b
+    p, steps, turns = z, [], []
+    for _ in range(count):
+        q = full @ p
+        steps.append(r @ z / (p @ q))
+        rest = r - steps[-1] * q
+        turns.append(rest @ inverse @ rest / (r @ z))
+        r, z = rest, inverse @ rest
+        p = z + turns[-1] * p
+    return steps, turns[:-1]
+
+
+@settings(deadline=None, max_examples=50)
+@given(seed=st.integers(0, 1000), preconditioned=st.booleans())
+def test_the_largest_eigenvalue_is_found_and_from_below(seed, preconditioned):
+    rng = np.random.default_rng(seed)
+    full, b = positive(rng, 2, chain(2)), rng.normal(size=2 * BLOCK)
+    inverse = positive(rng, 2, chain(2)) if preconditioned else np.eye(2 * BLOCK)
+    wanted = np.linalg.eigvals(inverse @ full).real.max()
+    found = [largest_eigenvalue(*textbook_steps(full, inverse, b, count)) for count in (1, 3, 7)]
+    assert (np.diff(found) >= -1e-6 * wanted).all() and found[-1] <= (1.0 + 1e-6) * wanted
+    assert found[-1] >= 0.9 * wanted
+
+
+def test_the_estimate_of_one_step_is_a_rayleigh_quotient():
+    full = np.diag([1.0, 3.0])
+    assert largest_eigenvalue(*textbook_steps(full, np.eye(2), np.array([1.0, 1.0]), 1)) == pytest.approx(2.0)
+    assert largest_eigenvalue(*textbook_steps(full, np.eye(2), np.array([1.0, 1.0]), 2)) == pytest.approx(3.0)
+
+
+def with_one_huge_eigenvalue(huge):
+    """A matrix on a long grid, a load, and a preconditioner M with one eigenvalue of M^-1 A at `huge`, the others up to 1."""
+    rng = np.random.default_rng(7)
+    pairs = grid(2, 15)
+    full, b = positive(rng, 30, pairs), rng.normal(size=(30, BLOCK))
+    a, _ = blocked(full, pairs)
+    vector = rng.normal(size=30 * BLOCK)
+    root = np.linalg.cholesky(dense(a))  # M^-1 = c + v v^T is similar to c A + w w^T with w = L^T v
+    even = 1.0 / np.linalg.eigvalsh(dense(a)).max()
+    vector *= np.sqrt(huge) / np.linalg.norm(root.T @ vector)
+    return a, b, Dense(even * np.eye(30 * BLOCK) + np.outer(vector, vector))
+
+
+@pytest.mark.parametrize("huge", [1e2, 1e4, 1e6])
+def test_an_outlier_of_the_spectrum_is_reported_within_few_iterations(huge):
+    a, b, preconditioner = with_one_huge_eigenvalue(huge)
+    x = np.empty_like(b)
+    assert conjugate_gradient(a, b, x, preconditioner, 1e-9, 2000, outlier=8.0) == (LOOKS[0], True, False)
+
+
+@pytest.mark.parametrize("huge", [1e2, 1e4])
+def test_an_outlier_that_is_allowed_only_takes_time(huge):
+    a, b, preconditioner = with_one_huge_eigenvalue(huge)
+    for allowed in ({}, {"outlier": 1.1 * huge}):
+        x = np.empty_like(b)
+        iterations, is_positive, sound = conjugate_gradient(a, b, x, preconditioner, 1e-9, 2000, **allowed)
+        assert LOOKS[-1] < iterations < 2000 and is_positive and sound
+        np.testing.assert_allclose(x.ravel(), np.linalg.solve(dense(a), b.ravel()), rtol=1e-5, atol=1e-5)

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.linalg.block_matrix import BLOCK
-from tests.engine.linalg.dense import blocked, chain, factors, grid, positive, reference_factor, reference_solve
+from engine.linalg.incomplete_cholesky import FIRST_SHIFT, factorise, next_shift
+from tests.engine.linalg.dense import blocked, chain, dense, factors, grid, positive, reference_factor, reference_solve
 
 LOOP = [(0, 1), (1, 2), (2, 3), (0, 3), (0, 2), (3, 4)]
 
@@ -89,6 +90,48 @@ def test_a_matrix_that_only_dropping_makes_indefinite_is_factorised():
     ring = [(0, 1), (1, 2), (2, 3), (0, 3)]
     assert factors(blocked(full, ring)[0]).shift > 0.0
     assert np.linalg.eigvalsh(inverse_of(full, ring)).min() > 0.0
+
+
+def nearly_broken_down():
+    """Kershaw's example with a diagonal for which the last pivot without fill is next to nothing; and its pairs."""
+    ring = np.array([[0.0, -2, 0, 2], [-2, 0, -2, 0], [0, -2, 0, -2], [2, 0, -2, 0]])
+    return np.kron(ring + (1.0 + 1e-5) * np.sqrt(12.0) * np.eye(4), np.eye(BLOCK)), [(0, 1), (1, 2), (2, 3), (0, 3)]
+
+
+def inverse_by_rows(factor):
+    """What factors multiply by, in the order of the rows of their matrix."""
+    columns = np.eye(factor.matrix.rows * BLOCK).reshape(-1, factor.matrix.rows, BLOCK)
+    out = np.empty_like(columns)
+    for b, x in zip(columns, out, strict=True):
+        factor.solve(b, x)
+    return out.reshape(len(columns), -1).T
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_stronger_factors_leave_what_nearly_broke_down(dtype):
+    full, pairs = nearly_broken_down()
+    a, _ = blocked(full, pairs, dtype)
+    found = factors(a)
+    assert found.shift == 0.0
+    assert np.linalg.eigvals(inverse_by_rows(found) @ dense(a)).real.max() > 1e3
+    assert factorise(found, stronger=True)
+    assert found.shift == FIRST_SHIFT
+    assert np.linalg.eigvals(inverse_by_rows(found) @ dense(a)).real.max() < 50.0
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 1000), times=st.integers(1, 4))
+def test_stronger_factors_begin_with_a_larger_shift_each_time_and_are_positive(seed, times):
+    a, _ = blocked(random_matrix(5, LOOP, seed), LOOP)
+    found, shifts = factors(a), []
+    for _ in range(times):
+        shifts.append(found.shift)
+        assert factorise(found, stronger=True)
+        assert found.shift >= next_shift(shifts[-1]) > shifts[-1]
+        inverse = inverse_by_rows(found)
+        np.testing.assert_allclose(inverse, inverse.T, atol=1e-12)
+        assert np.linalg.eigvalsh(inverse).min() > 0.0
+    assert factorise(found) and found.shift == shifts[0]  # and what is factorised anew begins anew
 
 
 def graph(shape, seed):

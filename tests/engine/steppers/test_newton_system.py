@@ -8,6 +8,8 @@ import pytest
 
 from engine.bench.yarns import stacked
 from engine.linalg.block_matrix import BLOCK
+from engine.linalg.incomplete_cholesky import LARGEST_SHIFT, factorise
+from engine.steppers import newton_system
 from engine.steppers.newton_system import NewtonSystem
 from engine.steppers.step_report import Stopwatch
 from engine.yarns import contact
@@ -32,9 +34,9 @@ def condensable(seed):
     return replace(stack, colliding=some_collisions(np.random.default_rng(seed), stack)), perturbed(stack, seed)
 
 
-def cloths():
-    """Two cloths on each other that have several strips, with the place that they would come to in a step."""
-    built = stacked(800)
+def cloths(crossings=800):
+    """Two cloths on each other, with the place that they would come to in a step; of 800 crossings they have several strips."""
+    built = stacked(crossings)
     model = replace(built.yarns, shear_stiffness=0.1 * built.yarns.stretch_stiffness)
     state = built.state
     rng, spacing = np.random.default_rng(0), model.rest_segment.min()
@@ -137,3 +139,84 @@ def test_a_direction_descends_and_solves_the_system_to_its_tolerance():
     assert iterations > 0 and np.sum(gradient * direction) < 0.0
     left = [full_hessian(potential, x, u, convex) @ direction.ravel() + gradient.ravel() for convex in (False, True)]
     assert min(np.linalg.norm(rest) for rest in left) <= 1e-5 * np.linalg.norm(gradient)
+
+
+def assert_newton_direction(system, x, u, gradient, error):
+    """Check a direction of a system against dense solutions: of the true Hessian, or of its positive form."""
+    potential = system.potential
+    found, iterations = system.direction(x, u, gradient, goal=0.0)
+    wanted = [np.linalg.solve(full_hessian(potential, x, u, convex), -gradient.ravel()) for convex in (False, True)]
+    off = min(np.linalg.norm(found.ravel() - exact) / np.linalg.norm(exact) for exact in wanted)
+    assert off <= error and iterations > 0
+
+
+def tight_system(stack, x, u):
+    """The system of a step, to be solved nearly to round-off, with the place and the gradient there."""
+    potential = stack.potential(YarnSettings())
+    settings = YarnSettings(linear_tolerance=1e-11)
+    return NewtonSystem(potential, settings, Stopwatch()), x, u, potential.gradient(x, u)[1]
+
+
+def tight_system_of_condensable(seed):
+    stack, (x, u) = condensable(seed)
+    return tight_system(stack, x, u)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_preconditioners_that_are_never_sound_end_in_the_direction_all_the_same(monkeypatch, seed):
+    monkeypatch.setattr(newton_system, "OUTLIER", 0.1)  # what every preconditioner exceeds
+    system, x, u, gradient = tight_system_of_condensable(seed)
+    assert_newton_direction(system, x, u, gradient, error=1e-6)
+    assert system.factor.shift >= LARGEST_SHIFT  # it has been through all shifts
+
+
+@pytest.mark.parametrize("stale", [False, True], ids=["fresh", "stale"])
+def test_factors_that_nearly_broke_down_are_replaced(monkeypatch, stale):
+    calls = []
+
+    def spoilt(factor, stronger):
+        """Factorise as ever, but the first time make a row's pivot next to nothing."""
+        calls.append(stronger)
+        made = factorise(factor, stronger)
+        if len(calls) == 1:
+            factor.inverse[len(factor.inverse) // 2] *= 1e3
+        return made
+
+    stack, x, u = cloths(200)
+    system, _, _, gradient = tight_system(stack, x, u)
+    x, u = stack.state.x, stack.state.u  # where the Hessian is positive as it is
+    monkeypatch.setattr(newton_system, "factorise", spoilt)
+    if stale:  # left from an iteration before
+        system.potential.hessian(x, u, False, system.layout)
+        assert system._factorise(False, stronger=False)
+    assert_newton_direction(system, x, u, gradient, error=1e-6)
+    assert calls == [False, not stale]  # in place of a fresh factor comes a stronger one, of an old one just a fresh one
+
+
+@pytest.mark.parametrize("outlier", [newton_system.OUTLIER, 0.1])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_coarse_space_leaves_the_direction_as_it_is(monkeypatch, seed, outlier):
+    monkeypatch.setattr(newton_system, "MANY", 10)
+    monkeypatch.setattr(newton_system, "FAR", 0.0)
+    monkeypatch.setattr(newton_system, "PATCH", 1.0)
+    monkeypatch.setattr(newton_system, "OUTLIER", outlier)
+    system, x, u, gradient = tight_system_of_condensable(seed)
+    assert system.coarse is not None and system.coarse.patches.count > 3
+    assert_newton_direction(system, x, u, gradient, error=1e-3)  # in single precision
+
+
+def test_a_coarse_space_has_patches_of_one_cloth_each_and_saves_iterations(monkeypatch):
+    monkeypatch.setattr(newton_system, "MANY", 100)
+    monkeypatch.setattr(newton_system, "FAR", 0.0)
+    monkeypatch.setattr(newton_system, "PATCH", 6.0)
+    together, x, u, gradient = tight_system(*cloths())
+    model, patches = together.potential.model, together.coarse.patches
+    node = model.point_nodes[together.layout.point]
+    fabric = np.where(node >= 0, model.fabric[model.node_yarn[node]], -1).ravel()
+    for p in range(patches.count):
+        assert len(set(fabric[patches.members[patches.start[p] : patches.start[p + 1]]])) == 1
+    monkeypatch.setattr(newton_system, "FAR", np.inf)
+    alone, *_ = tight_system(*cloths())
+    assert alone.coarse is None
+    iterations = [system.direction(x, u, gradient, goal=0.0)[1] for system in (alone, together)]
+    assert 2 * iterations[1] <= iterations[0]
