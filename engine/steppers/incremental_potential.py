@@ -36,7 +36,6 @@ class IncrementalPotential:
         # next to stretch, the constraint must outweigh inertia, which a small step makes large
         inertia_scale = np.max(model.density * model.rest_segment, initial=0.0) / (h * h)
         self.constraint_stiffness = settings.constraint_factor * point_scale + 10.0 * inertia_scale
-        self.friction_stiffness = settings.friction_factor * node_scale
         self.hold = settings.gauge * node_scale
         self.parallel_stiffness = settings.parallel_factor * node_scale
         self.obstacle_stiffness = settings.obstacle_factor * point_scale
@@ -58,7 +57,10 @@ class IncrementalPotential:
         normal_force.stretches(np.flatnonzero(active_node), chain.before, chain.after, self.centre_lines.place,
                                self.centre0, self.u0, self.stretch_at_start)
         pressing = np.maximum(state.normal_force, 0.0) * model.friction
-        self.friction_limit = self.stretch_at_start * pressing[model.node_point]
+        at_node = pressing[model.node_point]
+        self.friction_limit = self.stretch_at_start * at_node
+        self.friction_stiffness = friction.springs(settings.friction_factor * node_scale, at_node,
+                                                   model.rest_segment[model.node_yarn])
         self._share_friction(pressing)
         at_nodes = self.x0[model.node_point]
         self.prediction = inertia.predict(model, at_nodes, state.velocity, gravity, h)
@@ -97,6 +99,13 @@ class IncrementalPotential:
         self.slope = np.zeros((model.node_count, 3))
         friction_circle.slopes(self.rubbing, model.point_nodes, state.eil, self.chain.before, self.chain.after,
                                model.node_point, self.x0, self.u0, self.slope)
+        self.pull = np.zeros((model.point_count, 3))
+        self.update_pull(self.u0, np.zeros(model.node_count))
+
+    def update_pull(self, u: Floats, du: Floats) -> None:
+        """Let the estimate of friction's forces follow an update du [N] of u."""
+        friction_circle.update_pull(self.rubbing, self.model.point_nodes, self.rubbing_stiffness, self.rubbing_limit,
+                                    self.slope, self.state.anchor, u, du, self.pull)
 
     def _touching(self) -> Ints:
         """Points that may touch obstacles: those whose x moves with one fabric's material."""
@@ -227,7 +236,7 @@ class IncrementalPotential:
         friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,
                              self.state.anchor, self.hold, u, self.sliding_curvature)
         friction_circle.add_hessian(self.rubbing, m.point_nodes, self.rubbing_stiffness, self.rubbing_limit, self.slope,
-                                    self.state.anchor, u, self.sliding_curvature)
+                                    self.state.anchor, self.pull, u, self.sliding_curvature)
         internal.gather(layout.point, layout.row, m.point_nodes, self.place, c.node, c.start, m.node_yarn, m.node_point,
                         m.node_slot, self.band, self.sliding_curvature, a.start, a.column, a.block)
         shear.add_hessian_in_parts(

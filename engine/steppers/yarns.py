@@ -76,6 +76,7 @@ class YarnStepper:
             watch.lap("line_search")
             if found is None:
                 return rejected(report, watch, "the line search found no descent")
+            potential.update_pull(u, direction[self.model.node_point, 3 + self.model.node_slot])
             x, u, energy, gradient = found
             report.newton_iterations += 1
         if not np.isfinite(energy):

@@ -62,7 +62,7 @@ def degenerate(quick: bool) -> CaseResult:
 @case("eol-degenerate-denim", bar=SELDOM,
       summary="as eol-degenerate, of denim of 44 yarns an inch: share of steps that take more than 10 Newton iterations")
 def degenerate_denim(quick: bool) -> CaseResult:
-    """Denim: light for its stiffness, so that friction's springs give way within a millionth of a segment."""
+    """Denim: light for its stiffness, so that friction gives way within a small part of what yarns move in a step."""
     return measure(DENIM, quick)
 
 

@@ -4,12 +4,25 @@ The normal force F_n and the anchor stay those of the start of the step, so the 
 a spring k_f (u - anchor)^2 / 2 up to the limit, a constant force behind it. Sliding by du moves lambda du of material
 through the contact, so the force that works on u is limited by lambda mu F_n.
 
+Springs as stiff as yarns would reach the limit of a light contact within a millionth of a segment, far below what a step
+moves: Newton then finds out one by one which contacts stick. A contact sticks on a ten-thousandth of a segment instead, a
+displacement that stays and does not add up, as only what slides drags its anchor.
+
 Parallel contacts leave one combination of Eulerian coordinates without any stiffness; a weak viscous hold of every u at
 its value at the start of the step keeps the step well posed and vanishes at rest.
 """
 
 import numpy as np
 from numba import njit
+
+from engine.arrays import Floats
+
+LEAST_REACH = 1e-4  # rest segments that material moves at least before friction is at its limit
+
+
+def springs(stiffest: Floats, limit: Floats, rest_segment: Floats) -> Floats:
+    """Return k_f [N/m]: at most `stiffest` [N/m], and such that mu F_n, the `limit` [N], is not reached too soon; all [N]."""
+    return np.where(limit > 0.0, np.minimum(stiffest, limit / (LEAST_REACH * rest_segment)), stiffest)
 
 
 @njit(cache=True)

@@ -9,6 +9,12 @@ the limit mu F_n, a constant force behind it. Two independent laws for u and v (
 sqrt 2 too strong on its diagonal. Of two parallel yarns both anchors act in series, with mu F_n in total.
 
 F_n, w and the anchors stay those of the start of the step.
+
+Newton takes the force over its limit, f, as a second unknown with max(|s|, reach) f = s, linearised in both (Chan, Golub and
+Mulet 1999, for total variation). The Hessian behind the limit is then mu F_n / |s| (1 - (f s^T + s f^T) / (2 |s|)): that of
+the potential once f is s / |s|, stiffer as long as f, which follows a force that may yet stick, is not. The potential's own
+has no stiffness along s; its Newton steps run past s = 0 and back. In 30 stacks of denim, this and `friction.LEAST_REACH`
+took Newton from 8.1 iterations a step to 4.7.
 """
 
 import numpy as np
@@ -58,29 +64,56 @@ def add_gradient(points, point_nodes, spring, limit, slope, anchor, u, gradient)
 
 
 @njit(cache=True)
-def add_hessian(points, point_nodes, spring, limit, slope, anchor, u, sliding):
-    """Add the second derivatives to `sliding` [P, 2, 2], nowhere negative: behind the limit only turning s costs."""
+def add_hessian(points, point_nodes, spring, limit, slope, anchor, pull, u, sliding):
+    """Add the second derivatives to `sliding` [P, 2, 2], nowhere negative; `pull` [P, 3] is f of `update_pull`."""
     s = np.empty(3)
     for p in points:
         i, j = point_nodes[p, 0], point_nodes[p, 1]
         slip = _slip(i, j, slope, anchor, u, s)
         sticks = slip < limit[p] / spring[p]
         rigidity = spring[p] if sticks else limit[p] / max(slip, 1e-300)
-        along_i = along_j = ii = ij = jj = 0.0
+        along_i = along_j = pull_i = pull_j = ii = ij = jj = 0.0
         for k in range(3):
             along_i += slope[i, k] * s[k] / max(slip, 1e-300)
             along_j -= slope[j, k] * s[k] / max(slip, 1e-300)
+            pull_i += slope[i, k] * pull[p, k]
+            pull_j -= slope[j, k] * pull[p, k]
             ii += slope[i, k] * slope[i, k]
             ij -= slope[i, k] * slope[j, k]
             jj += slope[j, k] * slope[j, k]
         if not sticks:
-            ii -= along_i * along_i
-            ij -= along_i * along_j
-            jj -= along_j * along_j
+            ii -= along_i * pull_i
+            ij -= 0.5 * (along_i * pull_j + along_j * pull_i)
+            jj -= along_j * pull_j
         sliding[p, 0, 0] += rigidity * ii
         sliding[p, 0, 1] += rigidity * ij
         sliding[p, 1, 0] += rigidity * ij
         sliding[p, 1, 1] += rigidity * jj
+
+
+@njit(cache=True)
+def update_pull(points, point_nodes, spring, limit, slope, anchor, u, du, pull):
+    """Solve max(|s|, reach) f = s, linearised about u and f, for the `pull` f [P, 3] at u + du, du [N]; |f| is at most 1.
+
+    With du = 0 it is the friction at u over its limit.
+    """
+    s, ds = np.empty(3), np.empty(3)
+    for p in points:
+        i, j = point_nodes[p, 0], point_nodes[p, 1]
+        slip = _slip(i, j, slope, anchor, u, s)
+        reach = limit[p] / spring[p]
+        along = 0.0
+        for k in range(3):
+            ds[k] = slope[i, k] * du[i] - slope[j, k] * du[j]
+            along += ds[k] * s[k] / max(slip, 1e-300)
+        if slip < reach:
+            along = 0.0
+        square = 0.0
+        for k in range(3):
+            pull[p, k] = (s[k] + ds[k] - along * pull[p, k]) / max(slip, reach, 1e-300)
+            square += pull[p, k] ** 2
+        for k in range(3):
+            pull[p, k] /= max(np.sqrt(square), 1.0)
 
 
 @njit(cache=True)

@@ -61,6 +61,61 @@ def test_of_parallel_yarns_both_anchors_act_in_series():
     np.testing.assert_allclose(force(np.array([3.0, 3.0]), np.zeros(2), along, 1.0, 0.7), 0.0)  # both go on together
 
 
+def updated(pull, u, du, anchor, slope, spring, limit):
+    """What `update_pull` makes of one point's pull."""
+    pull = np.array([pull])
+    friction_circle.update_pull(POINT, NODES, np.array([spring]), np.array([limit]), slope, anchor, u, du, pull)
+    return pull[0]
+
+
+def hessian(pull, u, anchor, slope, spring, limit):
+    """The second derivatives that Newton sees at one point."""
+    sliding = np.zeros((1, 2, 2))
+    friction_circle.add_hessian(POINT, NODES, np.array([spring]), np.array([limit]), slope, anchor, np.array([pull]), u, sliding)
+    return sliding[0]
+
+
+@settings(deadline=None)
+@given(u=PLACES, anchor=PLACES, slope=SLOPES, spring=st.floats(0.1, 10.0), limit=st.floats(0.1, 10.0))
+def test_the_pull_without_an_update_is_the_force_over_its_limit(u, anchor, slope, spring, limit):
+    pull = updated(np.zeros(3), u, np.zeros(2), anchor, slope, spring, limit)
+    found = limit * np.array([slope[0] @ pull, -slope[1] @ pull])
+    np.testing.assert_allclose(found, force(u, anchor, slope, spring, limit), atol=1e-9)
+
+
+@settings(deadline=None)
+@given(u=PLACES, du=PLACES, slope=SLOPES, before=st.tuples(*[st.floats(-0.5, 0.5)] * 3), limit=st.floats(0.0, 10.0))
+def test_no_pull_is_more_than_the_limit_or_makes_the_hessian_negative(u, du, slope, before, limit):
+    pull = updated(np.array(before), u, du, np.zeros(2), slope, 1.0, limit)
+    assert np.linalg.norm(pull) <= 1.0 + 1e-12
+    found = hessian(pull, u + du, np.zeros(2), slope, 1.0, limit)
+    assert np.linalg.eigvalsh(found)[0] >= -1e-9 * max(1.0, np.abs(found).max())
+
+
+@settings(deadline=None)
+@given(rest=st.tuples(*[st.floats(-1.0, 1.0)] * 2).map(np.array), start=st.tuples(*[st.floats(-1.0, 1.0)] * 2).map(np.array))
+def test_newton_finds_whether_a_contact_sticks_though_it_starts_a_million_reaches_away(rest, start):
+    spring, limit, u, pull = 1e6, 0.5, start, np.zeros(3)  # held by a unit spring at `rest`
+    for _ in range(25):
+        gradient = u - rest + force(u, np.zeros(2), ACROSS, spring, limit)
+        if np.abs(gradient).max() < 1e-6:
+            break
+        du = np.linalg.solve(np.eye(2) + hessian(pull, u, np.zeros(2), ACROSS, spring, limit), -gradient)
+        pull, u = updated(pull, u, du, np.zeros(2), ACROSS, spring, limit), u + du
+    length = np.linalg.norm(rest)
+    np.testing.assert_allclose(u, rest * max(0.0, 1.0 - limit / max(length, 1e-300)), atol=3e-6)
+
+
+@given(stiffest=st.floats(1e-3, 1e3), limit=st.floats(0.0, 1e3), rest_segment=st.floats(1e-4, 1.0))
+def test_friction_reaches_its_limit_after_a_least_way(stiffest, limit, rest_segment):
+    [spring] = friction.springs(np.array([stiffest]), np.array([limit]), np.array([rest_segment]))
+    assert 0.0 < spring <= stiffest
+    if limit > 0.0:
+        assert limit / spring >= (1.0 - 1e-12) * friction.LEAST_REACH * rest_segment
+    else:
+        assert spring == stiffest
+
+
 @pytest.mark.parametrize(("law", "some"), [("isotropic", True), ("box", False)])
 def test_the_law_is_chosen_for_points_on_which_two_yarns_slide(law, some):
     stack = random_stack(0)
