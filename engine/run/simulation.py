@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 CHECKPOINT_INTERVAL = 20.0  # wall seconds after which a checkpoint is written in the midst of the frames of one
 PROGRESS_INTERVAL = 0.1  # wall seconds between calls of on_progress
 RECENT = 30  # steps that the current rate is the mean of
+FEW_NODES = 5000  # below it one thread is faster: waking the other for a kernel takes as long as 500 nodes of it
 
 
 class SimulationFailed(Exception):
@@ -79,7 +80,8 @@ def run(
     """Simulate `scene` up to `until` [s] (at most, and by default, its duration) into `directory`; return the report.
 
     With `resume` it continues from the directory's checkpoint, bitwise as if it had never stopped, or begins where
-    there is none. When `should_stop` becomes true a checkpoint is written and the report says "cancelled".
+    there is none. When `should_stop` becomes true a checkpoint is written and the report says "cancelled". It uses at most
+    `threads`, all there are by default, and for small scenes one: results are the same on any number.
 
     Raises SimulationFailed when the simulation cannot go on, after writing a report that says so, and DirectoryTaken
     when the directory belongs to something else.
@@ -96,6 +98,8 @@ def run(
         loop.on_progress, loop.on_frame = on_progress, on_frame
         try:
             loop.begin(resume)
+            if loop.nodes < FEW_NODES:
+                used_threads = set_threads(1)
             state = loop.advance(should_stop or (lambda: False))
         except Exception as error:
             foreseen = isinstance(error, SimulationFailed | CheckpointMismatch | OSError)
