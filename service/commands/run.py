@@ -31,7 +31,7 @@ def run(
     directory: Annotated[Path | None, typer.Option("--out", help="Directory of the results.")] = None,
     overrides: Annotated[list[str] | None, typer.Option("--set", help="key.path=value, any number of times.")] = None,
     until: Annotated[float | None, typer.Option(help="Stop at this simulated time [s].", min=0.0)] = None,
-    threads: Annotated[int | None, typer.Option(help="At most so many threads, all by default; small scenes use one.", min=1)] = None,
+    threads: Annotated[int | None, typer.Option(help="Threads at most, all by default; small scenes use one.", min=1)] = None,
     resume: Annotated[Path | None, typer.Option(help="Continue the run in this directory from its checkpoint.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
