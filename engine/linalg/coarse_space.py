@@ -7,8 +7,8 @@ Stiff woven cloth is stretched over hundreds of yarns within a step, and its lay
 pull on the full `jeans-pocket` incomplete factors with patches of both layers together need 85 iterations, however small
 the patches (4 to 16 yarns); with patches of one layer each, of 16 yarns, 19. Later Newton iterations, which bend: 140
 iterations with patches of 24 yarns, 102 with 16, 79 with 12; `shirt-tag-stretch-h` 139 with 12, 84 with 8, and 59 with 6,
-whose factor takes more memory than all else. A V-cycle over still smaller patches costs more than it saves: bending is too
-stiff for Gauss-Seidel.
+whose factor takes more memory than all else. A V-cycle of Gauss-Seidel over patches of 4 yarns needs
+496 there.
 """
 
 import numpy as np

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 CHECKPOINT_INTERVAL = 20.0  # wall seconds after which a checkpoint is written in the midst of the frames of one
 PROGRESS_INTERVAL = 0.1  # wall seconds between calls of on_progress
 RECENT = 30  # steps that the current rate is the mean of
-FEW_NODES = 5000  # below it one thread is faster: waking the other for a kernel takes as long as 500 nodes of it
+FEW_NODES = 5000  # below it one thread is faster: of 754 nodes one takes 0.1 ms a linear iteration, two take 0.6 ms
 
 
 class SimulationFailed(Exception):
