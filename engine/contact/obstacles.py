@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from engine.arrays import Floats, Ints
+from engine.contact.coulomb import follow, huber
 from engine.contact.surface import Surfaces
 from engine.geometry.solids import SAMPLED, Solids, distance_to
 from engine.yarns.handles import Handles
@@ -111,21 +112,19 @@ def add_gradient(points, solids, distance, stiffness, anchor, normal, limit, x, 
                     gradient[p, k] -= stiffness[p] * depth * outward[k]
         if limit[p] > 0.0:
             length = _slip(x[p], anchor[p], normal[p], slip)
-            reach = limit[p] / stiffness[p]
-            if length <= reach:
-                energy += 0.5 * stiffness[p] * length * length
-                pull = stiffness[p]
-            else:
-                energy += limit[p] * (length - 0.5 * reach)
-                pull = limit[p] / length
+            added, force = huber(length, stiffness[p], limit[p])
+            energy += added
             for k in range(3):
-                gradient[p, k] += pull * slip[k]
+                gradient[p, k] += force * slip[k]
     return energy
 
 
 @njit(cache=True)
-def add_hessian(points, solids, distance, stiffness, anchor, normal, limit, x, diagonal, block):
-    """Add a positive semidefinite Hessian to the diagonal blocks: the curvature of obstacles is left out."""
+def add_hessian(points, solids, distance, stiffness, anchor, normal, limit, pull, x, diagonal, block):
+    """Add a positive semidefinite Hessian to the diagonal blocks: the curvature of obstacles is left out.
+
+    `pull` [P, 3] is the friction over its limit, as Newton follows it.
+    """
     outward, slip = np.empty(3), np.empty(3)
     for p in points:
         b = diagonal[p]
@@ -138,13 +137,28 @@ def add_hessian(points, solids, distance, stiffness, anchor, normal, limit, x, d
         if limit[p] > 0.0:
             length = _slip(x[p], anchor[p], normal[p], slip)
             sticks = length <= limit[p] / stiffness[p]
-            pull = stiffness[p] if sticks else limit[p] / length
+            rigidity = stiffness[p] if sticks else limit[p] / length
             for r in range(3):
-                block[b, r, r] += pull
+                block[b, r, r] += rigidity
                 for c in range(3):
-                    block[b, r, c] -= pull * normal[p, r] * normal[p, c]
+                    block[b, r, c] -= rigidity * normal[p, r] * normal[p, c]
                     if not sticks:
-                        block[b, r, c] -= pull * slip[r] * slip[c] / (length * length)
+                        block[b, r, c] -= 0.5 * rigidity / length * (pull[p, r] * slip[c] + slip[r] * pull[p, c])
+
+
+@njit(cache=True)
+def update_pull(points, stiffness, anchor, normal, limit, x, dx, pull):
+    """Let the `pull` [P, 3] follow an update dx [P, 3] of x; with dx = 0 it is the friction at x over its limit."""
+    slip, change = np.empty(3), np.empty(3)
+    for p in points:
+        if limit[p] > 0.0:
+            length = _slip(x[p], anchor[p], normal[p], slip)
+            along = 0.0
+            for k in range(3):
+                along += dx[p, k] * normal[p, k]
+            for k in range(3):
+                change[k] = dx[p, k] - along * normal[p, k]
+            follow(slip, change, length, limit[p] / stiffness[p], pull[p])
 
 
 @njit(cache=True)

@@ -75,6 +75,9 @@ class IncrementalPotential:
             obstacle_contact.carry(self.touching, obstacles.begin, obstacles.end, obstacles.friction, state.obstacle_force,
                                    self.x0, self.obstacle_anchor, self.obstacle_normal, self.obstacle_limit)
 
+        self.pull, self.obstacle_pull = np.zeros((model.point_count, 3)), np.zeros((model.point_count, 3))
+        self.update_pull(self.x0, self.u0, np.zeros((model.point_count, BLOCK)))
+
         self.projector = constraints.projectors(model, state)
         self.constrained = (self.projector != np.eye(BLOCK)).any(axis=(1, 2))
         self.constrained_points = np.flatnonzero(self.constrained)
@@ -99,13 +102,14 @@ class IncrementalPotential:
         self.slope = np.zeros((model.node_count, 3))
         friction_circle.slopes(self.rubbing, model.point_nodes, state.eil, self.chain.before, self.chain.after,
                                model.node_point, self.x0, self.u0, self.slope)
-        self.pull = np.zeros((model.point_count, 3))
-        self.update_pull(self.u0, np.zeros(model.node_count))
 
-    def update_pull(self, u: Floats, du: Floats) -> None:
-        """Let the estimate of friction's forces follow an update du [N] of u."""
-        friction_circle.update_pull(self.rubbing, self.model.point_nodes, self.rubbing_stiffness, self.rubbing_limit,
-                                    self.slope, self.state.anchor, u, du, self.pull)
+    def update_pull(self, x: Floats, u: Floats, direction: Floats) -> None:
+        """Let the estimates of friction's forces follow an update of x and u along `direction` [P, 5]."""
+        m = self.model
+        friction_circle.update_pull(self.rubbing, m.point_nodes, self.rubbing_stiffness, self.rubbing_limit, self.slope,
+                                    self.state.anchor, u, direction[m.node_point, 3 + m.node_slot], self.pull)
+        obstacle_contact.update_pull(self.touching, self.obstacle_stiffness, self.obstacle_anchor, self.obstacle_normal,
+                                     self.obstacle_limit, x, direction, self.obstacle_pull)
 
     def _touching(self) -> Ints:
         """Points that may touch obstacles: those whose x moves with one fabric's material."""
@@ -157,13 +161,13 @@ class IncrementalPotential:
         """Let the multipliers take over the constraint's force; `tolerance` [m] is a gap that may stay.
 
         A contact whose gap has hardly shrunk since the last time works against something stiffer than itself: it
-        becomes ten times as stiff. Returns whether there is one.
+        becomes three times as stiff. Returns whether there is one.
         """
         self.multiplier = self.contact_force()
         gap = np.linalg.norm(self.gap[self.split], axis=1)
         slow = self.split[(gap > tolerance) & (gap > 0.25 * self.last_gap[self.split])]
         self.last_gap[self.split] = gap
-        self.constraint_stiffness[slow] *= 10.0
+        self.constraint_stiffness[slow] *= 3.0
         return len(slow) > 0
 
     def contact_force(self) -> Floats:
@@ -251,7 +255,7 @@ class IncrementalPotential:
         if len(self.touching):
             obstacle_contact.add_hessian(
                 self.touching, self.obstacles.end, self.obstacle_distance, self.obstacle_stiffness, self.obstacle_anchor,
-                self.obstacle_normal, self.obstacle_limit, x, a.diagonal[layout.row], a.block)
+                self.obstacle_normal, self.obstacle_limit, self.obstacle_pull, x, a.diagonal[layout.row], a.block)
         if (colliding := self.colliding) is not None:
             collisions.add_hessian(colliding.point, colliding.weight, colliding.rest, colliding.stiffness, x, convex,
                                    layout.row, a.start, a.column, a.block)

@@ -19,7 +19,7 @@ from engine.yarns.removal import parted, remove
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, assign, chain_of
 
-NEARLY = 100.0  # times the tolerance: from this residual on, multipliers are worth an update
+NEARLY = 1e5  # times the tolerance: from this residual on, multipliers are worth an update
 # pulls that count: a contact force that may lack less is not worth more iterations, since only successive pulls end a contact
 ENOUGH = 10.0
 
@@ -59,16 +59,15 @@ class YarnStepper:
         while True:
             scale = self.measure(report, potential, gradient, x, u)
             closed = report.constraint_gap <= self.settings.gap_tolerance
-            if closed and report.residual <= self.settings.tolerance:
-                last = report.newton_iterations == self.settings.max_newton
-                closed = last or not self.in_doubt(potential, x, u, scale).any()
-                if closed:
-                    break
-            if not closed and report.residual <= NEARLY * self.settings.tolerance:
+            settled = closed and report.residual <= self.settings.tolerance
+            last = report.newton_iterations == self.settings.max_newton
+            if settled and (last or not self.in_doubt(potential, x, u, scale).any()):
+                break
+            if (settled or not closed) and report.residual <= NEARLY * self.settings.tolerance:
                 if potential.update_multipliers(self.settings.gap_tolerance * self.least_radius):
                     system.forget_factor()
                 energy, gradient = potential.gradient(x, u)
-            if report.newton_iterations == self.settings.max_newton:
+            if last:
                 return rejected(report, watch, "Newton did not converge")
             direction, iterations = system.direction(x, u, gradient, self.settings.tolerance * scale)
             report.linear_iterations += iterations
@@ -76,7 +75,7 @@ class YarnStepper:
             watch.lap("line_search")
             if found is None:
                 return rejected(report, watch, "the line search found no descent")
-            potential.update_pull(u, direction[self.model.node_point, 3 + self.model.node_slot])
+            potential.update_pull(x, u, direction)
             x, u, energy, gradient = found
             report.newton_iterations += 1
         if not np.isfinite(energy):

@@ -4,22 +4,17 @@ With u and v the Eulerian coordinates of both yarns at a point, ubar and vbar th
 
     s = w_A (u - ubar) - w_B (v - vbar)
 
-is the slip of the material of one yarn on the other. The step sees a Huber potential in |s|: a spring k_f |s|^2 / 2 up to
-the limit mu F_n, a constant force behind it. Two independent laws for u and v (`friction.py`) form a box instead, up to
+is the slip of the material of one yarn on the other. Two independent laws for u and v (`friction.py`) form a box instead, up to
 sqrt 2 too strong on its diagonal. Of two parallel yarns both anchors act in series, with mu F_n in total.
 
 F_n, w and the anchors stay those of the start of the step.
-
-Newton takes the force over its limit, f, as a second unknown with max(|s|, reach) f = s, linearised in both (Chan, Golub and
-Mulet 1999, for total variation). The Hessian behind the limit is then mu F_n / |s| (1 - (f s^T + s f^T) / (2 |s|)): that of
-the potential once f is s / |s|, stiffer as long as f, which follows a force that may yet stick, is not. The potential's own
-has no stiffness along s; its Newton steps run past s = 0 and back. In 30 stacks of denim, this and `friction.LEAST_REACH`
-took Newton from 8.1 iterations a step to 4.7.
+Newton follows the force as `coulomb` has it.
 """
 
 import numpy as np
 from numba import njit
 
+from engine.contact.coulomb import follow, huber
 from engine.yarns.normal_force import stretch, tangent
 
 
@@ -50,13 +45,8 @@ def add_gradient(points, point_nodes, spring, limit, slope, anchor, u, gradient)
     for p in points:
         i, j = point_nodes[p, 0], point_nodes[p, 1]
         slip = _slip(i, j, slope, anchor, u, s)
-        reach = limit[p] / spring[p]
-        if slip < reach:
-            energy += 0.5 * spring[p] * slip * slip
-            force = spring[p]
-        else:
-            energy += limit[p] * (slip - 0.5 * reach)
-            force = limit[p] / max(slip, 1e-300)
+        added, force = huber(slip, spring[p], limit[p])
+        energy += added
         for k in range(3):
             gradient[i, 3] += force * s[k] * slope[i, k]
             gradient[j, 3] -= force * s[k] * slope[j, k]
@@ -93,27 +83,14 @@ def add_hessian(points, point_nodes, spring, limit, slope, anchor, pull, u, slid
 
 @njit(cache=True)
 def update_pull(points, point_nodes, spring, limit, slope, anchor, u, du, pull):
-    """Solve max(|s|, reach) f = s, linearised about u and f, for the `pull` f [P, 3] at u + du, du [N]; |f| is at most 1.
-
-    With du = 0 it is the friction at u over its limit.
-    """
+    """Let the `pull` f [P, 3] follow an update du [N] of u; with du = 0 it is the friction at u over its limit."""
     s, ds = np.empty(3), np.empty(3)
     for p in points:
         i, j = point_nodes[p, 0], point_nodes[p, 1]
         slip = _slip(i, j, slope, anchor, u, s)
-        reach = limit[p] / spring[p]
-        along = 0.0
         for k in range(3):
             ds[k] = slope[i, k] * du[i] - slope[j, k] * du[j]
-            along += ds[k] * s[k] / max(slip, 1e-300)
-        if slip < reach:
-            along = 0.0
-        square = 0.0
-        for k in range(3):
-            pull[p, k] = (s[k] + ds[k] - along * pull[p, k]) / max(slip, reach, 1e-300)
-            square += pull[p, k] ** 2
-        for k in range(3):
-            pull[p, k] /= max(np.sqrt(square), 1.0)
+        follow(s, ds, slip, limit[p] / spring[p], pull[p])
 
 
 @njit(cache=True)

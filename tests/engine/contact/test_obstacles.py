@@ -16,6 +16,7 @@ DISTANCE, STIFFNESS, FRICTION = 0.1, 5.0, 0.4
 FLOOR = Obstacles(np.array([ObstacleKind.PLANE]), np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.array([FRICTION]))
 STILL = motion(FLOOR, no_handles(), 0.0, 0.1)
 ONE_POINT = np.array([0])
+UP = np.array([[0.0, 0.0, 1.0]])
 SLIPS = st.floats(-1.0, 1.0)
 
 
@@ -101,3 +102,52 @@ def test_whoever_moves_with_the_obstacle_feels_no_change(turn, shift):
     along = pushed(turn.apply([0.2, 0.1, 0.05]) + shift, [0.1, 0.1, 0.3], 1.0, [0.2, 0.1, 0.05], replace(STILL, end=end))
     assert along[0] == pytest.approx(before[0], rel=1e-9)
     np.testing.assert_allclose(along[1], turn.apply(before[1]), atol=1e-12)
+
+
+def updated(pull, slip, dx, limit):
+    """What `update_pull` makes of the pull of a point that slid by `slip` [2] on the floor, for an update dx [3] of x."""
+    pull = np.array([pull], float)
+    obstacles.update_pull(ONE_POINT, np.array([STIFFNESS]), np.zeros((1, 3)), UP, np.array([limit]),
+                          np.array([[*slip, 1.0]]), np.array([dx], float), pull)
+    return pull[0]
+
+
+def hessian(pull, slip, limit):
+    """The second derivatives that Newton sees for a point above the floor, which slid by `slip` [2]."""
+    block = np.zeros((1, 5, 5))
+    obstacles.add_hessian(ONE_POINT, STILL.end, np.array([DISTANCE]), np.array([STIFFNESS]), np.zeros((1, 3)), UP,
+                          np.array([limit]), np.array([pull], float), np.array([[*slip, 1.0]]), ONE_POINT, block)
+    return block[0, :3, :3]
+
+
+@settings(deadline=None)
+@given(slip=st.tuples(SLIPS, SLIPS), last_force=st.floats(0.01, 2.0))
+def test_the_pull_without_an_update_is_the_friction_over_its_limit(slip, last_force):
+    limit = FRICTION * last_force
+    _, force = pushed([*slip, 1.0], [0.0, 0.0, 1.0], last_force)
+    np.testing.assert_allclose(-limit * updated(np.zeros(3), slip, np.zeros(3), limit), force, atol=1e-12)
+
+
+@settings(deadline=None)
+@given(slip=st.tuples(SLIPS, SLIPS), dx=st.tuples(SLIPS, SLIPS, SLIPS), before=st.tuples(*[st.floats(-0.5, 0.5)] * 3),
+       limit=st.floats(0.01, 2.0))
+def test_no_pull_is_more_than_the_limit_or_makes_the_hessian_negative(slip, dx, before, limit):
+    pull = updated([before[0], before[1], 0.0], slip, dx, limit)
+    assert np.linalg.norm(pull) <= 1.0 + 1e-12 and pull[2] == 0.0
+    found = hessian(pull, np.add(slip, dx[:2]), limit)
+    np.testing.assert_allclose(found, found.T)
+    assert np.linalg.eigvalsh(found)[0] >= -1e-9 * max(1.0, np.abs(found).max())
+
+
+@settings(deadline=None)
+@given(rest=st.tuples(SLIPS, SLIPS).map(np.array), start=st.tuples(SLIPS, SLIPS).map(np.array))
+def test_newton_finds_whether_a_point_sticks_though_it_starts_many_reaches_away(rest, start):
+    limit, hold, slip, pull = 1e-3, 2e-3, start, np.zeros(3)  # held by a weak spring at `rest`
+    for _ in range(25):
+        gradient = hold * (slip - rest) - pushed([*slip, 1.0], [0.0, 0.0, 1.0], limit / FRICTION)[1][:2]
+        if np.abs(gradient).max() < 1e-9:
+            break
+        step = np.linalg.solve(hold * np.eye(2) + hessian(pull, slip, limit)[:2, :2], -gradient)
+        pull, slip = updated(pull, slip, [*step, 0.0], limit), slip + step
+    length = np.linalg.norm(rest)
+    np.testing.assert_allclose(slip, rest * max(0.0, 1.0 - limit / hold / max(length, 1e-300)), atol=2 * limit / STIFFNESS)

@@ -144,7 +144,7 @@ def test_a_direction_descends_and_solves_the_system_to_its_tolerance():
 def assert_newton_direction(system, x, u, gradient, error):
     """Check a direction of a system against dense solutions: of the true Hessian, or of its positive form."""
     potential = system.potential
-    potential.update_pull(u, np.zeros_like(u))  # as the full Hessian has it
+    potential.update_pull(x, u, np.zeros((len(x), BLOCK)))  # as the full Hessian has it
     found, iterations = system.direction(x, u, gradient, goal=0.0)
     wanted = [np.linalg.solve(full_hessian(potential, x, u, convex), -gradient.ravel()) for convex in (False, True)]
     off = min(np.linalg.norm(found.ravel() - exact) / np.linalg.norm(exact) for exact in wanted)

@@ -51,7 +51,7 @@ def alone(term: Term, potential: IncrementalPotential) -> IncrementalPotential:
 def full_hessian(potential: IncrementalPotential, x: Floats, u: Floats, convex: bool) -> Floats:
     """Return the Hessian as a full matrix in the unknowns of all points; removed ones have none."""
     layout = potential.lay_out(np.float64, condense=False)
-    potential.update_pull(u, np.zeros_like(u))
+    potential.update_pull(x, u, np.zeros((len(x), BLOCK)))
     potential.hessian(x, u, convex, layout)
     return of_points(layout)
 
