@@ -19,6 +19,7 @@ from engine.bench.suite import Measurement, benchmark, median_seconds
 from engine.contact.obstacles import motion
 from engine.linalg.block_matrix import BLOCK
 from engine.run.memory import ProgramMemory, memory_peak
+from engine.run.threads import threads_for
 from engine.scene.build import Built, build
 from engine.scene.load import load_scene
 from engine.steppers.incremental_potential import IncrementalPotential
@@ -112,7 +113,8 @@ class Steps:
         taken = []
         for _ in range(count):
             began = perf_counter()
-            report = self.stepper.step(self.state, self.time, STEP)
+            with threads_for(self.model.node_count):
+                report = self.stepper.step(self.state, self.time, STEP)
             taken.append((perf_counter() - began, report))
             if not report.accepted:
                 raise RuntimeError(f"the step at {self.time:g} s was rejected: {report.reason}")

@@ -8,6 +8,7 @@ import numpy as np
 
 from engine.arrays import Floats
 from engine.run.adaptivity import StepLimits, after_accepted, after_rejected, first_size, plan
+from engine.run.threads import threads_for
 from engine.scene.build import build
 from engine.scene.load import load_scene
 from engine.steppers.step_report import StepReport
@@ -50,7 +51,8 @@ class March:
         """Step to `until` [s] and yield every attempt, rejected ones too; raises StepTooSmall as a run would."""
         while until - self.time > ROUND_OFF * self.limits.default:
             h = plan(self.size.dt, until - self.time)
-            report = self.stepper.step(self.state, self.time, h)
+            with threads_for(self.model.node_count):
+                report = self.stepper.step(self.state, self.time, h)
             if report.accepted:
                 self.time += h
                 self.size = after_accepted(self.size, self.limits)

@@ -7,7 +7,7 @@ import numba
 import pytest
 
 from engine.run.compile_cache import prepare_compile_cache, prune, source_hash
-from engine.run.threads import available_threads, set_threads
+from engine.run.threads import FEW_NODES, available_threads, set_threads, threads_for
 
 
 def test_hash_changes_with_every_source_and_nothing_else(tmp_path):
@@ -61,3 +61,14 @@ def test_threads_are_set_for_the_calling_thread():
                 set_threads(wrong)
     finally:
         set_threads()
+
+
+def test_small_systems_have_one_thread_and_leave_the_others_theirs():
+    most = set_threads()
+    with threads_for(FEW_NODES - 1) as count:
+        assert count == 1 and numba.get_num_threads() == 1
+    with threads_for(FEW_NODES) as count:
+        assert count == most and numba.get_num_threads() == most
+    with pytest.raises(ValueError, match="in the midst"), threads_for(1):
+        raise ValueError("in the midst")
+    assert numba.get_num_threads() == most

@@ -43,11 +43,13 @@ def test_the_run_is_worth_comparing(unbroken):
     assert last.index == 10 and abs(last.yarns.u - first.yarns.u).max() > 1e-5
 
 
-def test_two_threads_give_the_same_bits(unbroken, tmp_path):
+def test_two_threads_give_the_same_bits(unbroken, tmp_path, monkeypatch):
+    monkeypatch.setattr("engine.run.threads.FEW_NODES", 0)  # this scene would have one
     try:
-        run(load_scene(SLIDING_PATCHES), tmp_path, threads=2)
+        report = run(load_scene(SLIDING_PATCHES), tmp_path, threads=2)
     except ValueError as error:
         pytest.skip(f"this machine has one processor: {error}")
+    assert unbroken[0]["machine"]["threads"] == 1 and report["machine"]["threads"] == 2
     assert contents(tmp_path) == unbroken[1]
 
 
