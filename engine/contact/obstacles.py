@@ -12,9 +12,9 @@ import numpy as np
 from numba import njit
 
 from engine.arrays import Floats, Ints
-from engine.contact.coulomb import follow, huber
 from engine.contact.surface import Surfaces
 from engine.geometry.solids import SAMPLED, Solids, distance_to
+from engine.yarns.coulomb import follow, huber
 from engine.yarns.handles import Handles
 
 

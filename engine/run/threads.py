@@ -38,7 +38,7 @@ def set_threads(count: int | None = None) -> int:
 
 @contextmanager
 def threads_for(nodes: int) -> Iterator[int]:
-    """Let kernels run on one thread inside, where a system of `nodes` nodes is small, else on as many as before: yields how many."""
+    """Let kernels run on one thread inside where a system of `nodes` nodes is small, else on as many as before; yields which."""
     before = numba.get_num_threads()
     count = 1 if nodes < FEW_NODES else before
     numba.set_num_threads(count)

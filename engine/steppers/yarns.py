@@ -19,7 +19,7 @@ from engine.yarns.removal import parted, remove
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, assign, chain_of
 
-NEARLY = 1e5  # times the tolerance: from this residual on, multipliers are worth an update
+WORTHWHILE = 1e5  # times the tolerance: from this residual on, multipliers are worth an update
 # pulls that count: a contact force that may lack less is not worth more iterations, since only successive pulls end a contact
 ENOUGH = 10.0
 
@@ -63,7 +63,7 @@ class YarnStepper:
             last = report.newton_iterations == self.settings.max_newton
             if settled and (last or not self.in_doubt(potential, x, u, scale).any()):
                 break
-            if (settled or not closed) and report.residual <= NEARLY * self.settings.tolerance:
+            if (settled or not closed) and report.residual <= WORTHWHILE * self.settings.tolerance:
                 if potential.update_multipliers(self.settings.gap_tolerance * self.least_radius):
                     system.forget_factor()
                 energy, gradient = potential.gradient(x, u)

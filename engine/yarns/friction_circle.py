@@ -14,7 +14,7 @@ Newton follows the force as `coulomb` has it.
 import numpy as np
 from numba import njit
 
-from engine.contact.coulomb import follow, huber
+from engine.yarns.coulomb import follow, huber
 from engine.yarns.normal_force import stretch, tangent
 
 
