@@ -108,8 +108,9 @@ class IncrementalPotential:
         m = self.model
         friction_circle.update_pull(self.rubbing, m.point_nodes, self.rubbing_stiffness, self.rubbing_limit, self.slope,
                                     self.state.anchor, u, direction[m.node_point, 3 + m.node_slot], self.pull)
-        obstacle_contact.update_pull(self.touching, self.obstacle_stiffness, self.obstacle_anchor, self.obstacle_normal,
-                                     self.obstacle_limit, x, direction, self.obstacle_pull)
+        if len(self.touching):
+            obstacle_contact.update_pull(self.touching, self.obstacle_stiffness, self.obstacle_anchor, self.obstacle_normal,
+                                         self.obstacle_limit, x, direction, self.obstacle_pull)
 
     def _touching(self) -> Ints:
         """Points that may touch obstacles: those whose x moves with one fabric's material."""

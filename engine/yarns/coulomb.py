@@ -6,7 +6,7 @@ Newton takes the force over its limit, f, as a second unknown with max(|s|, reac
 Mulet 1999, for total variation). The Hessian behind the limit is then mu F_n / |s| (1 - (f s^T + s f^T) / (2 |s|)): that of
 the potential once f is s / |s|, stiffer as long as f, which follows a force that may yet stick, is not. The potential's own
 has no stiffness along s; its Newton steps run past s = 0 and back. In 30 stacks of denim, this and `friction.LEAST_REACH`
-took Newton from 8.1 iterations a step to 4.7; the worst of five steps of a cloth that comes to lie on a table, from 13 to 6.
+took Newton from 8.1 iterations a step to 4.7; the hardest step of five of a cloth that comes to lie on a table, from 13 to 6.
 """
 
 import numpy as np

@@ -7,8 +7,7 @@ With u and v the Eulerian coordinates of both yarns at a point, ubar and vbar th
 is the slip of the material of one yarn on the other. Two independent laws for u and v (`friction.py`) form a box instead, up to
 sqrt 2 too strong on its diagonal. Of two parallel yarns both anchors act in series, with mu F_n in total.
 
-F_n, w and the anchors stay those of the start of the step.
-Newton follows the force as `coulomb` has it.
+F_n, w and the anchors stay those of the start of the step. Newton follows the force as `coulomb` has it.
 """
 
 import numpy as np
