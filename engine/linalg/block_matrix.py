@@ -16,6 +16,7 @@ from engine.linalg.strips import Strips, permuted, strips_of
 
 BLOCK = 5
 CHUNK = 512  # rows that are one piece of work
+CONTRACT = {"contract"}  # products are added without being rounded: a quarter faster, and the order of sums stays
 
 
 @dataclass
@@ -102,7 +103,7 @@ def locate(start, column, i, j):
     return low
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, fastmath=CONTRACT)
 def multiply(start, column, block, x, out):
     """Matrix-vector product, row after row."""
     rows = len(out)

@@ -25,6 +25,7 @@ class Outcome(NamedTuple):
     iterations: int
     positive: bool  # matrix and preconditioner were along all directions of the search, so that x descends along b
     sound: bool  # no eigenvalue of M^-1 A was found to be an outlier
+    curvature: Floats | None = None  # each row's share in p.Ap, where a direction p made that negative, shape [n]
 
 
 def conjugate_gradient(
@@ -33,15 +34,16 @@ def conjugate_gradient(
 ) -> Outcome:
     """Solve a x = b from x = 0 until the preconditioned residual falls by `tolerance`, or all of it to `floor`.
 
-    b and x have shape [n, 5]; x is overwritten. The norm is that of the preconditioner, in which the iteration itself
-    measures: (r, M^-1 r)^1/2; `floor` bounds every component of r. It ends early where matrix or preconditioner are found
-    not to be positive, or the latter not to be sound: factors that nearly broke down give M^-1 A a few huge eigenvalues, which
-    the Lanczos matrix of the iteration shows long before they have been dealt with. `outlier` is what none may exceed.
+    b and x have shape [n, 5]; x is overwritten. All other vectors have the precision of the matrix. The norm is that of the
+    preconditioner, in which the iteration itself measures: (r, M^-1 r)^1/2; `floor` bounds every component of r. It ends
+    early where matrix or preconditioner are found not to be positive, or the latter not to be sound: factors that nearly
+    broke down give M^-1 A a few huge eigenvalues, which the Lanczos matrix of the iteration shows long before they have
+    been dealt with. `outlier` is what none may exceed.
     """
     x[:] = 0.0
-    r = b.copy()
-    z = np.empty_like(b)
-    q = np.empty_like(b)
+    r = b.astype(a.block.dtype)
+    z = np.empty_like(r)
+    q = np.empty_like(r)
     preconditioner.solve(r, z)
     p = z.copy()
     rho = dot(r, z)
@@ -54,7 +56,7 @@ def conjugate_gradient(
         a.multiply(p, q)
         curvature = dot(p, q)
         if curvature <= 0.0:
-            return Outcome(iteration, False, True)
+            return Outcome(iteration, False, True, np.einsum("ik,ik->i", p, q))
         steps.append(rho / curvature)
         advance(steps[-1], p, q, x, r)
         preconditioner.solve(r, z)
@@ -89,7 +91,7 @@ def dot(a, b):
         s = 0.0
         for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, rows)):
             for k in range(a.shape[1]):
-                s += a[i, k] * b[i, k]
+                s += np.float64(a[i, k]) * np.float64(b[i, k])
         partial[chunk] = s
     total = 0.0
     for chunk in range(chunks):

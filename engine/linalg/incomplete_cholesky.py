@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, prange
 
 from engine.arrays import Floats, Ints
-from engine.linalg.block_matrix import BLOCK, BlockMatrix
+from engine.linalg.block_matrix import BLOCK, CONTRACT, BlockMatrix
 
 FIRST_SHIFT = 4e-3
 LARGEST_SHIFT = 1.0
@@ -43,10 +43,11 @@ def factorise(factor: IncompleteCholesky, stronger: bool = False) -> bool:
     """Factorise the present values of the factor's matrix; false where it is too far from positive definite.
 
     Dropping fill can lose positive definiteness; the factorisation is then repeated for A + shift diag(A) with a
-    growing shift. `stronger` begins with a larger shift than the last, for a factor that proved useless.
+    growing shift, from a quarter of the last that was needed. `stronger` begins with a larger shift than the last, for a
+    factor that proved useless.
     """
     a = factor.matrix
-    factor.shift = next_shift(factor.shift) if stronger else 0.0
+    factor.shift = next_shift(factor.shift) if stronger else smaller_shift(factor.shift)
     least = a.block.dtype.type(LEAST_PIVOT * np.finfo(a.block.dtype).eps)
     failed = np.zeros(len(a.strips.start) - 1, np.bool_)
     while True:
@@ -60,8 +61,13 @@ def factorise(factor: IncompleteCholesky, stronger: bool = False) -> bool:
 
 
 def next_shift(shift: float) -> float:
-    """Return the shift to try after `shift`."""
-    return max(FIRST_SHIFT, 4.0 * shift)
+    """Return the shift to try where `shift` was not enough."""
+    return max(FIRST_SHIFT, 2.0 * shift)
+
+
+def smaller_shift(shift: float) -> float:
+    """Return the shift to begin with where the last matrix needed `shift`."""
+    return 0.25 * shift if shift >= 4.0 * FIRST_SHIFT else 0.0
 
 
 @njit(cache=True, parallel=True)
@@ -74,7 +80,7 @@ def _factorise(strip, reds, start, column, diagonal, block, shift, least, lower_
             strip[s], strip[s + 1], start, column, diagonal, block, shift, least, lower_start, lower, inverse)
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=CONTRACT)
 def _factorise_rows(first, last, start, column, diagonal, block, shift, least, lower_start, lower, inverse):
     pivot = np.empty((BLOCK, BLOCK), block.dtype)
     for i in range(first, last):
@@ -111,7 +117,7 @@ def _factorise_rows(first, last, start, column, diagonal, block, shift, least, l
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=CONTRACT)
 def _subtract(a, b, out):
     """out -= a b^T."""
     for r in range(BLOCK):
@@ -120,7 +126,7 @@ def _subtract(a, b, out):
             out[r, c] -= a0 * b[c, 0] + a1 * b[c, 1] + a2 * b[c, 2] + a3 * b[c, 3] + a4 * b[c, 4]
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=CONTRACT)
 def _inverse_factor(pivot, original, least, inverse):
     """Cholesky factor of a pivot block and its inverse; false if a pivot lost too much of the original diagonal."""
     for c in range(BLOCK):
@@ -160,7 +166,7 @@ def _solve(strip, reds, start, column, lower_start, lower, inverse, b, out):
         _backward(strip[s], strip[s + 1], start, column, lower_start, lower, inverse, out)
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=CONTRACT)
 def _forward(first, last, start, column, lower_start, lower, inverse, b, out):
     for i in range(first, last):
         y0, y1, y2, y3, y4 = b[i, 0], b[i, 1], b[i, 2], b[i, 3], b[i, 4]
@@ -180,7 +186,7 @@ def _forward(first, last, start, column, lower_start, lower, inverse, b, out):
         out[i, 4] = m[4, 0] * y0 + m[4, 1] * y1 + m[4, 2] * y2 + m[4, 3] * y3 + m[4, 4] * y4
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=CONTRACT)
 def _backward(first, last, start, column, lower_start, lower, inverse, out):
     for i in range(last - 1, first - 1, -1):
         x0, x1, x2, x3, x4 = out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4]

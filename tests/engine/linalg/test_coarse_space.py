@@ -181,7 +181,7 @@ def iterations_of(a, place, pull):
     assert coarse.refresh()
     counts, x = [], np.empty_like(pull)
     for preconditioner in (local := factors(a), TwoLevels(local, coarse)):
-        iterations, positive, sound = conjugate_gradient(a, pull, x, preconditioner, 1e-6, 1000, outlier=8.0)
+        iterations, positive, sound, _ = conjugate_gradient(a, pull, x, preconditioner, 1e-6, 1000, outlier=8.0)
         assert positive and sound
         counts.append(iterations)
     return counts

@@ -131,7 +131,9 @@ def test_stronger_factors_begin_with_a_larger_shift_each_time_and_are_positive(s
         inverse = inverse_by_rows(found)
         np.testing.assert_allclose(inverse, inverse.T, atol=1e-12)
         assert np.linalg.eigvalsh(inverse).min() > 0.0
-    assert factorise(found) and found.shift == shifts[0]  # and what is factorised anew begins anew
+    while found.shift > shifts[0]:  # what is factorised anew needs less and less, down to what there was at first
+        last = found.shift
+        assert factorise(found) and shifts[0] <= found.shift < last
 
 
 def graph(shape, seed):
