@@ -51,7 +51,7 @@ def add_gradient(point, weight, rest, stiffness, x, gradient):
 
 @njit(cache=True)
 def add_hessian(point, weight, rest, stiffness, x, convex, row, start, column, block):
-    """Add the Hessian; if `convex`, without what turning the line between both centres takes from it.
+    """Add the Hessian; where `convex` [P], without what turning the line between both centres takes from it.
 
     `row` [P] are the points' rows.
     """
@@ -59,7 +59,8 @@ def add_hessian(point, weight, rest, stiffness, x, convex, row, start, column, b
     for c in range(len(rest)):
         distance = _offset(point[c], weight[c], x, offset)
         if 0.0 < distance < rest[c]:
-            across = 0.0 if convex else -stiffness[c] * (rest[c] - distance) / distance
+            positive = convex[point[c, 0]] or convex[point[c, 1]] or convex[point[c, 2]] or convex[point[c, 3]]
+            across = 0.0 if positive else -stiffness[c] * (rest[c] - distance) / distance
             along = (stiffness[c] - across) / (distance * distance)
             for a in range(4):
                 for b in range(4):

@@ -18,8 +18,8 @@ _LEAST_SINE = sin(radians(10))  # a yarn that runs along an edge does not bend o
 
 def edge_crossings(
     scene: Scene, box: Box, fabric: Fabric, patch: Weave
-) -> Iterator[tuple[int, Floats, Ints, Floats]]:
-    """Yield a family of the patch (0 warps, 1 wefts), the direction [3] of an edge, and yarns [n] over it at u [n] [m].
+) -> Iterator[tuple[int, Lines, Ints, Floats]]:
+    """Yield a family of the patch (0 warps, 1 wefts), an edge, and yarns [n] over it at u [n] [m].
 
     Yields nothing for boxes without `edges` and for fabrics that do not lie on the box: free to move, parallel to its
     top, and no more than the thickness of their thickest yarn above it.
@@ -42,13 +42,17 @@ def edge_crossings(
                     crossings = cross_in_plan(family.lines, edge, up)
                     i, j = crossings.lines()
                     yarn, u = family.find(i, crossings.distances(i, j)[0])
-                    yield index, direction, yarn[yarn >= 0], u[yarn >= 0]
+                    yield index, edge, yarn[yarn >= 0], u[yarn >= 0]
 
 
 def add_edges(
     assembly: YarnAssembly, scene: Scene, box: Box, fabric: Fabric, patch: Weave, first_yarn: int, friction: float
 ) -> None:
     """Add a point wherever a yarn of the fabric crosses an upper edge of the box, at the yarn's own height."""
-    for index, direction, yarn, u in edge_crossings(scene, box, fabric, patch):
+    for index, edge, yarn, u in edge_crossings(scene, box, fabric, patch):
         family = patch.families[index]
-        assembly.edges(first_yarn + index * patch.warps.count + yarn, u, family.at(yarn, u), direction, friction)
+        x = family.at(yarn, u)
+        from_start = ((x - edge.start) @ edge.along)[:, None] * edge.along
+        middle = x - from_start + 0.5 * edge.length * edge.along
+        assembly.edges(first_yarn + index * patch.warps.count + yarn, u, x, edge.along, friction, middle,
+                       0.5 * edge.length)

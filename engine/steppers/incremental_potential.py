@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import DTypeLike
 
-from engine.arrays import Floats, Ints
+from engine.arrays import Flags, Floats, Ints
 from engine.contact import collisions
 from engine.contact import obstacles as obstacle_contact
 from engine.contact.collisions import CollisionPairs
@@ -12,6 +12,7 @@ from engine.linalg.block_matrix import BLOCK
 from engine.steppers.layout import Layout, lay_out, parts_of
 from engine.yarns import constraints, contact, friction, friction_circle, inertia, internal, normal_force, parallel_contact, shear
 from engine.yarns.crimp import centre_lines
+from engine.yarns.leverage import stiffness_by_leverage
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain
@@ -83,6 +84,10 @@ class IncrementalPotential:
         self.constrained_points = np.flatnonzero(self.constrained)
         self.by_node = np.zeros((model.node_count, 4))
         self.gap = np.zeros((model.point_count, 3))
+        free = self.projector[:, :3, :3]
+        held = state.active & (free != np.eye(3)).any(axis=(1, 2))
+        self.constraint_shape = np.empty((model.point_count, 3, 3))
+        self.constraint_shape[self.split] = stiffness_by_leverage(model, state, chain, self.split, free, held)
         self.last_gap = np.full(model.point_count, np.inf)  # when the multipliers were updated [m]
         self.multiplier = np.zeros((model.point_count, 3))
         self.multiplier[self.split] = state.contact_force[self.split]
@@ -136,7 +141,7 @@ class IncrementalPotential:
         energy += parallel_contact.add_gradient(self.parallel_pair, self.parallel_distance, self.parallel_stiffness, u, g)
         energy += contact.add_gradient_in_parts(
             self.split, self.parts, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
-            self.constraint_stiffness, self.multiplier, self.offset, x, u, g, self.gap)
+            self.constraint_stiffness, self.constraint_shape, self.multiplier, self.offset, x, u, g, self.gap)
         return energy
 
     def gradient(self, x: Floats, u: Floats) -> tuple[float, Floats]:
@@ -174,13 +179,18 @@ class IncrementalPotential:
     def contact_force(self) -> Floats:
         """Return the force between both sides of every point, at the last evaluation of `internal`, shape [P, 3] [N].
 
-        At EIL nodes it is the constraint's m + k_c g; at shared points what one yarn's own equation of motion lacks.
+        At EIL nodes it is multiplier and resistance; at shared points what one yarn's own equation of motion lacks.
         """
         first, second = self.model.point_nodes.T
         on_first, on_second = self.by_node[first, :3], self.by_node[second, :3]
         force = np.where((second >= 0)[:, None], 0.5 * (on_second - on_first), -on_first)
-        force[self.split] = self.multiplier[self.split] + self.constraint_stiffness[self.split, None] * self.gap[self.split]
+        force[self.split] = self.multiplier[self.split] + self.resistance()
         return force
+
+    def resistance(self) -> Floats:
+        """Return the part of the force at `split` that the gap makes, at the last evaluation of `internal` [n, 3] [N]."""
+        return self.constraint_stiffness[self.split, None] * np.einsum(
+            "pij,pj->pi", self.constraint_shape[self.split], self.gap[self.split])
 
     def lay_out(self, dtype: DTypeLike = np.float32, condense: bool = True) -> Layout:
         """Return a linear system with the blocks that the terms of this step touch.
@@ -228,15 +238,16 @@ class IncrementalPotential:
                 members.append(np.where(is_eil, m.node_point[neighbour[n]], self.split))
         return np.column_stack(members)
 
-    def hessian(self, x: Floats, u: Floats, convex: bool, layout: Layout) -> bool:
-        """Write the Hessian, with the constrained unknowns as identity; if `convex`, a positive form of it.
+    def hessian(self, x: Floats, u: Floats, convex: Flags, layout: Layout) -> bool:
+        """Write the Hessian, with the constrained unknowns as identity; where points are `convex` [P], a positive form of it.
 
         Returns whether the condensed unknowns could be eliminated, whose block must be positive for that.
         """
         m, c, a = self.model, self.chain, layout.matrix
         internal.hessian(
             c.node, c.start, m.density, m.kinematic, m.stretch_stiffness, m.stretch_damping, m.bending_stiffness, self.h,
-            self.u0, self.prediction, u, self.centre_lines.place, self.centre0, self.centre_lines.through(x), convex, self.band)
+            self.u0, self.prediction, u, self.centre_lines.place, self.centre0, self.centre_lines.through(x),
+            convex[m.node_point], self.band)
         self.sliding_curvature[:] = 0.0
         friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,
                              self.state.anchor, self.hold, u, self.sliding_curvature)
@@ -251,8 +262,8 @@ class IncrementalPotential:
                                      m.node_slot, u, layout.row, a.start, a.column, a.block)
         positive = contact.add_hessian_in_parts(
             self.split, self.parts, m.point_nodes, self.state.eil, c.before, c.after, m.node_point, m.node_slot,
-            self.constraint_stiffness, self.multiplier, self.offset, x, u, convex, self.sliding_curvature, layout.row,
-            layout.condensed, a.start, a.column, a.block, layout.inverse, layout.coupling)
+            self.constraint_stiffness, self.constraint_shape, self.multiplier, self.offset, x, u, convex, self.sliding_curvature,
+            layout.row, layout.condensed, a.start, a.column, a.block, layout.inverse, layout.coupling)
         if len(self.touching):
             obstacle_contact.add_hessian(
                 self.touching, self.obstacles.end, self.obstacle_distance, self.obstacle_stiffness, self.obstacle_anchor,

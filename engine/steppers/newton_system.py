@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from engine.arrays import Floats
+from engine.arrays import Flags, Floats
 from engine.linalg.coarse_space import CoarseSpace, TwoLevels
 from engine.linalg.conjugate_gradient import Preconditioner, conjugate_gradient
 from engine.linalg.incomplete_cholesky import LARGEST_SHIFT, factorise, incomplete_cholesky
@@ -16,6 +16,8 @@ STALE = 2  # times as many iterations as with a fresh factor end the use of an o
 MANY = 1000  # points from which on a coarse space pays, and single precision
 FAR = 15.0  # segments that a wave of stretch runs within a step, from where on it pays
 PATCH = 8.0  # edge of a patch of cloth in rest segments
+PLACES = 3  # times that the positive form is tried around negative curvature before it is taken everywhere
+SHARE = 0.1  # of the most negative curvature of a row: rows with more are places of it
 MARGIN = 0.3  # of Newton's goal, for what the Hessian does not foresee
 
 
@@ -32,7 +34,8 @@ class NewtonSystem:
         if self.coarse is not None:
             self.preconditioner = TwoLevels(self.factor, self.coarse)
         self.fresh_iterations = 0  # that the last fresh factor took
-        self.usable: bool | None = None  # the factor is of this form of the Hessian, convex or not
+        self.usable: bool | None = None  # the factor is of this form of the Hessian, convex everywhere or not
+        self.convex = np.zeros(potential.model.point_count, np.bool_)  # points with the positive form, in the last direction
 
     def _coarse_space(self) -> CoarseSpace | None:
         """Return the patches of cloth that is so stiff, or steps so long, that a pull runs over many yarns within a step."""
@@ -53,23 +56,38 @@ class NewtonSystem:
         """Return the Newton direction [P, 5] and the conjugate-gradient iterations it took.
 
         It solves H d = -g with the true Hessian or, where that is found indefinite, with its positive form, and no further
-        than Newton's `goal` [N] for the largest component of g asks for.
+        than Newton's `goal` [N] for the largest component of g asks for. Few places have negative curvature as a rule, and
+        elsewhere the positive form would slow Newton down: so it is taken around them first, and everywhere if they go on.
         """
-        total = 0
-        for convex in (False, True):
-            positive = self.potential.hessian(x, u, convex, self.layout)
+        total, places = 0, 0
+        self.convex[:] = False
+        while True:
+            descends, negative = False, None
+            if self.potential.hessian(x, u, self.convex, self.layout):
+                self.watch.lap("assemble")
+                direction, iterations, descends, negative = self._solve(-gradient, goal)
+                total += iterations
             self.watch.lap("assemble")
-            if not positive:
-                continue
-            direction, iterations, positive = self._solve(convex, -gradient, goal)
-            total += iterations
-            if positive:
-                return direction, total
-        return -gradient, total
+            if descends or self.convex.all():
+                return direction if descends else -gradient, total
+            places += 1
+            self.convex |= self._around(negative) if negative is not None and places <= PLACES else True
+            self.forget_factor()
 
-    def _solve(self, convex: bool, load: Floats, goal: float) -> tuple[Floats, int, bool]:
-        """Solve for a load [P, 5]; the last factor serves as long as it is of the same form and not much worse than fresh."""
-        layout = self.layout
+    def _around(self, curvature: Floats) -> Flags:
+        """Return the points of the rows that have most of a negative `curvature` [R], and of those coupled to them, shape [P]."""
+        a, layout = self.layout.matrix, self.layout
+        around = np.zeros(len(layout.row), np.bool_)
+        for i in np.flatnonzero(curvature <= SHARE * curvature.min()):
+            around[layout.point[a.column[a.start[i] : a.start[i + 1]]]] = True
+        return around
+
+    def _solve(self, load: Floats, goal: float) -> tuple[Floats, int, bool, Floats | None]:
+        """Solve for a load [P, 5]; the last factor serves as long as it is of the same form and not much worse than fresh.
+
+        Returns the solution, the iterations, whether the matrix proved positive, and the curvature by rows that did not.
+        """
+        layout, convex = self.layout, bool(self.convex.all())
         reduced = load[layout.point]
         contact.condense_load(layout.condensed_points, layout.condensed, layout.others, layout.row, layout.inverse,
                               layout.coupling, load, reduced)
@@ -78,8 +96,8 @@ class NewtonSystem:
         while not sound:
             fresh = self.usable is not convex
             if fresh and not self._factorise(convex, stronger):
-                return load, total, False
-            iterations, positive, sound = conjugate_gradient(
+                return load, total, False, None
+            iterations, positive, sound, negative = conjugate_gradient(
                 layout.matrix, reduced, solution, self.preconditioner, self.settings.linear_tolerance,
                 self.settings.max_linear, MARGIN * goal, OUTLIER if self.factor.shift < LARGEST_SHIFT else np.inf)
             total += iterations
@@ -98,7 +116,7 @@ class NewtonSystem:
         # single precision leaves a trace of what S cancels where its directions are oblique, and steps would add these up
         constraints.project_gradient(self.potential.constrained_points, self.potential.projector, direction)
         self.watch.lap("solve")
-        return direction, total, positive
+        return direction, total, positive, negative
 
     def _factorise(self, convex: bool, stronger: bool) -> bool:
         """Prepare the preconditioner for the present Hessian; `stronger` is one that stays clearer of breakdown than the last."""

@@ -197,7 +197,7 @@ class YarnStepper:
         m, s, split = self.model, self.settings, potential.split
         threshold = s.separation_force * scale
         lacking = np.zeros(m.point_count)
-        lacking[split] = potential.constraint_stiffness[split] * np.linalg.norm(potential.gap[split], axis=1)
+        lacking[split] = np.linalg.norm(potential.resistance(), axis=1)
         doubtful = (m.point_kind == PointKind.CONTACT) & (lacking > max(ENOUGH * threshold, s.tolerance * scale))
         if doubtful.any():
             force = np.zeros(m.point_count)
@@ -225,7 +225,7 @@ class YarnStepper:
 
     def remove_contacts(self, state: YarnState, report: StepReport) -> None:
         """Take contacts that ended out of use."""
-        ended = parted(self.model, state, self.settings.separation_steps)
+        ended = parted(self.model, state, self.settings.separation_steps, self.settings.safety_distance)
         if len(ended):
             remove(self.model, state, ended)
             if self.collisions is not None:

@@ -101,23 +101,29 @@ class YarnAssembly:
 
     def edges(
         self, yarn: ArrayLike, u: ArrayLike, x: Floats, direction: Floats, friction: float = 0.0,
+        middle: ArrayLike = (0.0, 0.0, 0.0), half_length: float = np.inf,
     ) -> Ints:
-        """Add places at `x` [n, 3] where yarns slide over an edge of unit `direction` [3]; returns their points [n]."""
+        """Add places at `x` [n, 3] where yarns slide over an edge of unit `direction` [3]; returns their points [n].
+
+        The edge goes `half_length` [m] to both sides of its `middle` [3] or [n, 3], by default without end.
+        """
         return self._add(PointKind.EDGE, x, [(yarn, u, False)], friction=friction,
-                         free_directions=np.outer(direction, direction))
+                         free_directions=np.outer(direction, direction), edge_middle=middle, edge_half_length=half_length)
 
     def _add(
         self, kind, x, nodes, up=(0.0, 0.0, 1.0), friction=0.0, pinned=False, free_directions=None, handle=-1, crimp=False,
-        active=True,
+        active=True, edge_middle=(0.0, 0.0, 0.0), edge_half_length=np.inf,
     ):
         """Add points at `x`, each with one or two nodes (yarn, u, u is fixed); everything else broadcasts."""
         x = np.asarray(x, float).reshape(-1, 3)
         point = self.point_count + np.arange(len(x))
         if free_directions is None:
             free_directions = np.where(np.asarray(pinned)[..., None, None], np.zeros((3, 3)), np.eye(3))
-        constants = dict(kind=int(kind), friction=float(friction), handle=handle, crimp=crimp, active=active)
+        constants = dict(kind=int(kind), friction=float(friction), handle=handle, crimp=crimp, active=active,
+                         edge_half_length=float(edge_half_length))
         self.points.append(dict(
-            x=x, up=np.broadcast_to(up, x.shape), free_directions=np.broadcast_to(free_directions, (len(x), 3, 3)),
+            x=x, up=np.broadcast_to(up, x.shape), edge_middle=np.broadcast_to(edge_middle, x.shape),
+            free_directions=np.broadcast_to(free_directions, (len(x), 3, 3)),
             **{name: np.broadcast_to(value, len(x)) for name, value in constants.items()},
         ))
         for slot, (yarn, u, fixed) in enumerate(nodes):
@@ -159,6 +165,8 @@ class YarnAssembly:
             friction=point["friction"],
             free_directions=point["free_directions"],
             handle=point["handle"].astype(np.int64),
+            edge_middle=point["edge_middle"].astype(float),
+            edge_half_length=point["edge_half_length"],
         )
         points, nodes = model.point_count, model.node_count
         state = YarnState(

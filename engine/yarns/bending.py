@@ -43,7 +43,7 @@ def add_gradient(chain, node_point, stiffness, x, u, gradient):
 def add_hessian(chain, node_point, stiffness, x, u, convex, band):
     """Add the Hessian of one yarn to its `band` [E, 3, 4, 4], blocks of each node with itself and the next two.
 
-    It is exact but for the unstable mode across the plane of bending; if `convex`, its positive part.
+    It is exact but for the unstable mode across the plane of bending; where `convex` [N], its positive part.
 
     With a and b the two edges, dtheta = m.db/|b| - n.da/|a|; theta also turns at second order with the stretch of an edge.
     Across the plane, tilts alpha of t and beta of s cost F (cos(theta) (alpha^2 + beta^2) / 2 - alpha beta) with
@@ -53,9 +53,9 @@ def add_hessian(chain, node_point, stiffness, x, u, convex, band):
     t, s, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     aa, ab, bb = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     a_span, b_span = np.empty(3), np.empty(3)
-    share = 0.5 if convex else 1.0
     for e in range(1, len(chain) - 1):
         first, i, last = chain[e - 1], chain[e], chain[e + 1]
+        share = 0.5 if convex[i] else 1.0
         la, lb, theta = _bend(x, node_point[first], node_point[i], node_point[last], t, s, n, m)
         span = u[last] - u[first]
         along = 2.0 * stiffness / span
@@ -69,7 +69,7 @@ def add_hessian(chain, node_point, stiffness, x, u, convex, band):
                 across = tilt * binormal_r * (t[(c + 1) % 3] * n[(c + 2) % 3] - t[(c + 2) % 3] * n[(c + 1) % 3])
                 aa[r, c] = (along * n[r] * n[c] + across) / (la * la)
                 bb[r, c] = (along * m[r] * m[c] + across) / (lb * lb)
-                if not convex:
+                if not convex[i]:
                     aa[r, c] += turn * (n[r] * t[c] + t[r] * n[c]) / (la * la)
                     bb[r, c] -= turn * (m[r] * s[c] + s[r] * m[c]) / (lb * lb)
                 ab[r, c] = -(along * n[r] * m[c] + across) / (la * lb)

@@ -1,11 +1,12 @@
 """The contact constraint at EIL nodes, as a soft one (Sánchez-Banderas 2020, secs. 3.3 and 4.2).
 
 An EIL node b between its EoL neighbours a and c stands at X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a).
-With g = X - X_partner - o the energy is m.g + k_c |g|^2 / 2; the partner is the EoL node or the fixed object at
-the same point, or another EIL node. The force on X reaches the free coordinates through the Jacobian of the interpolation.
+With g = X - X_partner - o the energy is m.g + k_c g.W g / 2, where W is the identity but beside held points
+(`engine.yarns.leverage`); the partner is the EoL node or the fixed object at the same point, or another EIL node. The
+force on X reaches the free coordinates through the Jacobian of the interpolation.
 
 k_c makes the linear systems hard when it is large. So it is moderate, and where the gap that is left exceeds its
-tolerance the multiplier m takes over the force, m <- m + k_c g, and Newton goes on (augmented Lagrangian).
+tolerance the multiplier m takes over the force, m <- m + k_c W g, and Newton goes on (augmented Lagrangian).
 
 Where a node of a bent yarn becomes EIL, its yarn is straightened and leaves its partners. The offset o takes up that jump
 of the gap, and m starts as the force of the contact before, so that neither the constraint's force nor its energy jumps;
@@ -27,8 +28,8 @@ def absorb_jumps(model: YarnModel, state: YarnState, chain: Chain) -> None:
     points = np.flatnonzero(has_eil & state.active)
     gap = np.zeros((model.point_count, 3))
     add_gradient(points, model.point_nodes, state.eil, chain.before, chain.after, model.node_point,
-                 np.zeros(model.point_count), np.zeros_like(gap), np.zeros_like(gap), state.x, state.u,
-                 np.zeros((model.node_count, 4)), gap)
+                 np.zeros(model.point_count), np.zeros((model.point_count, 3, 3)), np.zeros_like(gap), np.zeros_like(gap),
+                 state.x, state.u, np.zeros((model.node_count, 4)), gap)
     jump = gap[points] - state.gap[points]
     offset = state.gap_offset[points] + jump
     state.gap_offset[:] = 0.0
@@ -36,12 +37,14 @@ def absorb_jumps(model: YarnModel, state: YarnState, chain: Chain) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness, multiplier, offset, x, u, gradient, gap):
+def add_gradient(
+    points, point_nodes, eil, before, after, node_point, stiffness, shape, multiplier, offset, x, u, gradient, gap
+):
     """Add the gradient to `gradient` [N, 4], write g to `gap` [P, 3] and return the energy [J].
 
-    `points` are the points with at least one EIL node; `stiffness` [P] is k_c, `multiplier` [P, 3] is m [N],
-    `offset` [P, 3] is o [m]. A partner that is EoL takes its share on its own node, a fixed object on the EIL node's:
-    both end up on the point.
+    `points` are the points with at least one EIL node; `stiffness` [P] is k_c, `shape` [P, 3, 3] is W,
+    `multiplier` [P, 3] is m [N], `offset` [P, 3] is o [m]. A partner that is EoL takes its share on its own node, a fixed
+    object on the EIL node's: both end up on the point.
     """
     energy = 0.0
     place, w = np.empty((2, 3)), np.empty((2, 3))
@@ -58,8 +61,9 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
                     place[side, k] = x[p, k]
         for k in range(3):
             gap[p, k] = place[0, k] - place[1, k] - offset[p, k]
-            force[k] = multiplier[p, k] + stiffness[p] * gap[p, k]
-            energy += (multiplier[p, k] + 0.5 * stiffness[p] * gap[p, k]) * gap[p, k]
+        _resist(multiplier[p], stiffness[p], shape[p], gap[p], force)
+        for k in range(3):
+            energy += 0.5 * (multiplier[p, k] + force[k]) * gap[p, k]
         for side in range(2):
             sign = 1.0 if side == 0 else -1.0
             if (e0 if side == 0 else e1):
@@ -82,10 +86,12 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
 
 @njit(cache=True, error_model="numpy")
 def add_hessian(
-    points, point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier, offset, x, u, convex,
+    points, point_nodes, eil, before, after, node_point, node_slot, stiffness, shape, multiplier, offset, x, u, convex,
     sliding, row, condensed, start, column, block, inverse, coupling,
 ):
-    """Add k_c J^T J and, unless `convex`, (m + k_c g).d2X; J is the Jacobian of g in the unknowns of up to five points.
+    """Add k_c J^T W J and, where no point of it is `convex` [P], the force times d2X.
+
+    J is the Jacobian of g in the unknowns of up to five points.
 
     A point with `condensed` >= 0 has no row: its two unknowns u are eliminated, with the second derivatives `sliding`
     [P, 2, 2] of friction in them. condensed[p] is where the inverse [2, 2] of their own block and their `coupling` [2, 4, 5]
@@ -95,7 +101,7 @@ def add_hessian(
     local = np.empty((25, 25))
     point = np.empty(5, np.int64)
     place, w = np.empty((2, 3)), np.empty((2, 3))
-    force = np.empty(3)
+    gap, force = np.empty(3), np.empty(3)
     positive = True
     for p in points:
         count, entries = 1, 0
@@ -126,20 +132,24 @@ def add_hessian(
         size = 5 * count
         local[:size, :size] = 0.0
         for k in range(3):
-            for a in range(entries):
-                for b in range(entries):
-                    local[index[k, a], index[k, b]] += stiffness[p] * value[k, a] * value[k, b]
+            for m in range(3):
+                resistance = stiffness[p] * shape[p, k, m]
+                if resistance != 0.0:
+                    for a in range(entries):
+                        for b in range(entries):
+                            local[index[k, a], index[m, b]] += resistance * value[k, a] * value[m, b]
+        for k in range(3):
+            gap[k] = place[0, k] - place[1, k] - offset[p, k]
+        _resist(multiplier[p], stiffness[p], shape[p], gap, force)
         first = 1
         for side in range(2):
             n = point_nodes[p, side]
             if n >= 0 and eil[n]:
-                if not convex:
+                a, c = before[n], after[n]
+                if not (convex[p] or convex[node_point[a]] or convex[node_point[c]]):
                     sign = 1.0 if side == 0 else -1.0
-                    for k in range(3):
-                        force[k] = sign * (multiplier[p, k] + stiffness[p] * (place[0, k] - place[1, k] - offset[p, k]))
-                    a, c = before[n], after[n]
                     _add_curvature(5 * first, 3 + node_slot[a], 3 + side, 3 + node_slot[c],
-                                   (u[n] - u[a]) / (u[c] - u[a]), u[c] - u[a], force, w[side], local)
+                                   (u[n] - u[a]) / (u[c] - u[a]), u[c] - u[a], sign, force, w[side], local)
                 first += 2
         if condensed[p] >= 0:
             for r in range(2):
@@ -154,16 +164,16 @@ def add_hessian(
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def add_gradient_in_parts(
-    points, part, point_nodes, eil, before, after, node_point, stiffness, multiplier, offset, x, u, gradient, gap
+    points, part, point_nodes, eil, before, after, node_point, stiffness, shape, multiplier, offset, x, u, gradient, gap
 ):
     """As `add_gradient`, with the parts points[part[s]:part[s+1]], which share no node, at once and the rest after them."""
     parts = len(part) - 1
     energy = np.zeros(parts)
     for s in prange(parts):
         energy[s] = add_gradient(points[part[s] : part[s + 1]], point_nodes, eil, before, after, node_point, stiffness,
-                                 multiplier, offset, x, u, gradient, gap)
-    total = add_gradient(points[part[parts] :], point_nodes, eil, before, after, node_point, stiffness, multiplier, offset,
-                         x, u, gradient, gap)
+                                 shape, multiplier, offset, x, u, gradient, gap)
+    total = add_gradient(points[part[parts] :], point_nodes, eil, before, after, node_point, stiffness, shape, multiplier,
+                         offset, x, u, gradient, gap)
     for s in range(parts):
         total += energy[s]
     return total
@@ -171,7 +181,7 @@ def add_gradient_in_parts(
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def add_hessian_in_parts(
-    points, part, point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier, offset, x, u, convex,
+    points, part, point_nodes, eil, before, after, node_point, node_slot, stiffness, shape, multiplier, offset, x, u, convex,
     sliding, row, condensed, start, column, block, inverse, coupling,
 ):
     """As `add_hessian`, with the parts points[part[s]:part[s+1]], which share no row, at once and the rest after them."""
@@ -179,12 +189,19 @@ def add_hessian_in_parts(
     positive = np.ones(parts + 1, np.bool_)
     for s in prange(parts):
         positive[s] = add_hessian(
-            points[part[s] : part[s + 1]], point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier,
-            offset, x, u, convex, sliding, row, condensed, start, column, block, inverse, coupling)
+            points[part[s] : part[s + 1]], point_nodes, eil, before, after, node_point, node_slot, stiffness, shape,
+            multiplier, offset, x, u, convex, sliding, row, condensed, start, column, block, inverse, coupling)
     positive[parts] = add_hessian(
-        points[part[parts] :], point_nodes, eil, before, after, node_point, node_slot, stiffness, multiplier, offset, x, u,
-        convex, sliding, row, condensed, start, column, block, inverse, coupling)
+        points[part[parts] :], point_nodes, eil, before, after, node_point, node_slot, stiffness, shape, multiplier, offset,
+        x, u, convex, sliding, row, condensed, start, column, block, inverse, coupling)
     return positive.all()
+
+
+@njit(cache=True)
+def _resist(multiplier, stiffness, shape, gap, force):
+    """Write m + k_c W g of one contact to `force` [3] [N]."""
+    for k in range(3):
+        force[k] = multiplier[k] + stiffness * (shape[k, 0] * gap[0] + shape[k, 1] * gap[1] + shape[k, 2] * gap[2])
 
 
 @njit(cache=True, error_model="numpy")
@@ -251,22 +268,22 @@ def expand(points, condensed, others, inverse, coupling, load, solution):
 
 
 @njit(cache=True, error_model="numpy")
-def _add_curvature(first, u_a, u_b, u_c, s, du, force, w, local):
-    """Add force . d2X for X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a), to the local matrix.
+def _add_curvature(first, u_a, u_b, u_c, s, du, sign, force, w, local):
+    """Add sign force . d2X for X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a), to the local matrix.
 
     `first` is the first unknown of the point of a; the point of c comes behind it. u_a and u_c are the slots of their u.
     """
     along = 0.0
     for k in range(3):
-        along += force[k] * w[k]
+        along += sign * force[k] * w[k]
     place = (first + u_a, u_b, first + BLOCK + u_c)
     towards_c = (-(1.0 - s) / du, 1.0 / du, -s / du)  # ds / du of each node
     for m in range(3):
         # d2X / (dx du): s moves from x_a to x_c
         for k in range(3):
             for x_k, weight in ((first + k, -towards_c[m]), (first + BLOCK + k, towards_c[m])):
-                local[x_k, place[m]] += weight * force[k]
-                local[place[m], x_k] += weight * force[k]
+                local[x_k, place[m]] += weight * sign * force[k]
+                local[place[m], x_k] += weight * sign * force[k]
     # d2X / (du du) = w times the second derivatives of (u_c - u_a) s at fixed ends
     second = (
         (-2.0 * (1.0 - s) / du, 1.0 / du, (1.0 - 2.0 * s) / du),

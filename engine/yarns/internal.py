@@ -46,7 +46,7 @@ def hessian(
     chain, chain_start, density, kinematic, stretch_stiffness, stretch_damping, bending_stiffness, h, u0,
     prediction, u, place, centre0, centre, convex, band,
 ):
-    """Write the second derivatives of all yarns to `band` [E, 3, 4, 4]; if `convex`, a positive form of them."""
+    """Write the second derivatives of all yarns to `band` [E, 3, 4, 4], where `convex` [N] a positive form of them."""
     for y in prange(len(chain_start) - 1):
         first, last = chain_start[y], chain_start[y + 1]
         nodes, own = chain[first:last], band[first:last]

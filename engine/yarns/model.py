@@ -67,6 +67,8 @@ class YarnModel:
     friction: Floats  # Coulomb coefficient mu, shape [P]
     free_directions: Floats  # projector onto the directions in which x may move: I free, 0 pinned, shape [P, 3, 3]
     handle: Ints  # script handle that carries a pinned point, -1 for none, shape [P]
+    edge_middle: Floats  # of the edge that a yarn goes over, at points on one [m], shape [P, 3]
+    edge_half_length: Floats  # of that edge; without end elsewhere [m], shape [P]
 
     @property
     def yarn_count(self) -> int:

@@ -10,17 +10,23 @@ from engine.yarns.topology import chain_of
 SLIDING_KINDS = (PointKind.CROSSING, PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE)
 
 
-def parted(model: YarnModel, state: YarnState, separation_steps: int) -> Ints:
+def parted(model: YarnModel, state: YarnState, separation_steps: int, safety_distance: float) -> Ints:
     """Return the points that have lost their contact.
 
     A contact between fabrics ends after `separation_steps` successive steps of pulling. Every sliding point ends where u
-    has left the yarn; so does a crossing within a fabric, which then unravels.
+    has left the yarn; so does a crossing within a fabric, which then unravels. A yarn slips off an edge at its ends, less
+    the `safety_distance` in rest segments: over a corner it would lie on two edges at the same place, and nothing could
+    move it there.
     """
     first, second = model.point_nodes.T
     off_the_end = _outside(model, state, first) | ((second >= 0) & _outside(model, state, second))
     pulled = (model.point_kind == PointKind.CONTACT) & (state.pulling_steps >= separation_steps)
+    edge = np.flatnonzero(model.point_kind == PointKind.EDGE)
+    reach = model.edge_half_length[edge] - safety_distance * model.rest_segment[model.node_yarn[first[edge]]]
+    slipped = np.zeros(model.point_count, np.bool_)
+    slipped[edge] = np.linalg.norm(state.x[edge] - model.edge_middle[edge], axis=1) > reach
     may_end = state.active & np.isin(model.point_kind, SLIDING_KINDS)
-    return np.flatnonzero(may_end & (off_the_end | pulled))
+    return np.flatnonzero(may_end & (off_the_end | pulled | slipped))
 
 
 def remove(model: YarnModel, state: YarnState, points: Ints) -> None:

@@ -79,7 +79,7 @@ def add_gradient(points, point_nodes, eil, before, after, node_point, stiffness,
 def add_hessian(
     points, point_nodes, eil, before, after, node_point, stiffness, free_angle, x, convex, row, start, column, block
 ):
-    """Add the Hessian, exact or, if `convex`, a positive form of it; `row` [P] are the points' rows.
+    """Add the Hessian, exact or, where `convex` [P], a positive form of it; `row` [P] are the points' rows.
 
     Stretching a segment turns phi at second order, which `convex` leaves out. Across the plane of both segments, tilts
     alpha and beta of them cost M (cos(phi) (alpha^2 + beta^2) / 2 - alpha beta) / sin(phi) with the moment M = dV/dphi, that is
@@ -104,9 +104,9 @@ def add_hessian(
             _, moment, rigidity = _law(phi, stiffness[p], free_angle[p])
             cosine, sine = np.cos(phi), max(np.sin(phi), ALIGNED)
             apart, together = moment * (1.0 + cosine) / (2.0 * sine), -moment * (1.0 - cosine) / (2.0 * sine)
-            if convex:
+            if convex[p]:
                 apart, together = max(apart, 0.0), max(together, 0.0)
-            bend = 0.0 if convex else moment
+            bend = 0.0 if convex[p] else moment
             for k in range(3):
                 binormal[k] = t[(k + 1) % 3] * n[(k + 2) % 3] - t[(k + 2) % 3] * n[(k + 1) % 3]
             for r in range(3):

@@ -43,7 +43,7 @@ def add_gradient(chain, node_point, stiffness, damping, h, x0, u0, x, u, gradien
 def add_hessian(chain, node_point, stiffness, damping, h, x0, u0, x, u, convex, band):
     """Add the Hessian of one yarn to its `band` [E, 3, 4, 4], blocks of each node with itself and the next two.
 
-    If `convex`, without the terms that compression and damping can make negative.
+    Where `convex` [N], without the terms that compression and damping can make negative.
     """
     d = np.empty(3)
     z = np.empty((2, 4))
@@ -60,7 +60,7 @@ def add_hessian(chain, node_point, stiffness, damping, h, x0, u0, x, u, convex, 
             along += rate / (du * du)
             damped = rate * (lam - length0 / du0) / du
         across = (tension + damped) / length
-        if convex:
+        if convex[i] or convex[j]:
             across, damped = max(across, 0.0), 0.0
         for k in range(3):
             z[0, k] = -d[k]

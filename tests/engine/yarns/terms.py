@@ -52,7 +52,7 @@ def full_hessian(potential: IncrementalPotential, x: Floats, u: Floats, convex: 
     """Return the Hessian as a full matrix in the unknowns of all points; removed ones have none."""
     layout = potential.lay_out(np.float64, condense=False)
     potential.update_pull(x, u, np.zeros((len(x), BLOCK)))
-    potential.hessian(x, u, convex, layout)
+    potential.hessian(x, u, np.full(len(x), convex), layout)
     return of_points(layout)
 
 

@@ -1,5 +1,7 @@
 """Contacts that end."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from engine.yarns.topology import chain_of
 from tests.engine.yarns.stacks import random_stack
 
 STEPS = 3
+SAFETY = 0.1
 ENDS_BY_PULLING = {PointKind.CONTACT}
 ENDS_OFF_THE_END = {PointKind.CROSSING, PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE}
 
@@ -26,29 +29,41 @@ def kinds_of(stack, points):
 
 
 def test_nothing_ends_by_itself(stack):
-    assert len(parted(stack.model, stack.state, STEPS)) == 0
+    assert len(parted(stack.model, stack.state, STEPS, SAFETY)) == 0
 
 
 def test_contacts_between_fabrics_end_by_pulling(stack):
     stack.state.pulling_steps[:] = STEPS - 1
-    assert len(parted(stack.model, stack.state, STEPS)) == 0
+    assert len(parted(stack.model, stack.state, STEPS, SAFETY)) == 0
     stack.state.pulling_steps[:] = STEPS
-    assert kinds_of(stack, parted(stack.model, stack.state, STEPS)) == ENDS_BY_PULLING
+    assert kinds_of(stack, parted(stack.model, stack.state, STEPS, SAFETY)) == ENDS_BY_PULLING
 
 
 @pytest.mark.parametrize("u", [-1e-9, 100.0], ids=["before", "behind"])
 def test_what_slides_ends_where_the_yarn_ends(stack, u):
     stack.state.u[:] = u
-    ended = parted(stack.model, stack.state, STEPS)
+    ended = parted(stack.model, stack.state, STEPS, SAFETY)
     assert kinds_of(stack, ended) == ENDS_OFF_THE_END
     stack.state.active[ended[0]] = False
-    assert list(parted(stack.model, stack.state, STEPS)) == list(ended[1:])  # once only
+    assert list(parted(stack.model, stack.state, STEPS, SAFETY)) == list(ended[1:])  # once only
 
 
 def test_the_other_yarn_may_end_too(stack):
     point = np.flatnonzero(stack.model.point_kind == PointKind.CONTACT)[0]
     stack.state.u[stack.model.point_nodes[point, 1]] = -0.1
-    assert list(parted(stack.model, stack.state, STEPS)) == [point]
+    assert list(parted(stack.model, stack.state, STEPS, SAFETY)) == [point]
+
+
+def test_yarns_slip_off_an_edge_just_before_its_ends(stack):
+    point = np.flatnonzero(stack.model.point_kind == PointKind.EDGE)[0]
+    margin = SAFETY * stack.model.rest_segment[stack.model.node_yarn[stack.model.point_nodes[point, 0]]]
+    half_length = stack.model.edge_half_length.copy()
+    middle = stack.model.edge_middle.copy()
+    middle[point] = stack.state.x[point] - [3.0, 0.0, 0.0]
+    for beyond, ended in ((0.99, [point]), (1.01, [])):
+        half_length[point] = 3.0 + beyond * margin
+        model = replace(stack.model, edge_middle=middle, edge_half_length=half_length)
+        assert list(parted(model, stack.state, STEPS, SAFETY)) == ended
 
 
 def test_removal_keeps_momentum_and_adds_no_energy(stack):
