@@ -13,27 +13,46 @@ KEPT_APART = 0.2  # share of a segment's material length that is left after one 
 
 
 def line_search(
-    potential: IncrementalPotential, x: Floats, u: Floats, energy: float, gradient: Floats, direction: Floats
+    potential: IncrementalPotential, x: Floats, u: Floats, energy: float, gradient: Floats, direction: Floats,
+    further: bool = False,
 ) -> tuple[Floats, Floats, float, Floats] | None:
     """Return the first accepted (x, u, energy, gradient) along `direction` [P, 5], or None.
 
     x has shape [P, 3], u [N]. A step is accepted for a sufficient decrease of the energy, or for one of the gradient:
-    close to the solution, changes of the energy drown in round-off.
+    close to the solution, changes of the energy drown in round-off. With `further` a step that is accepted at once is
+    doubled for as long as the energy falls: where curvature is negative, its positive form makes steps far too short.
     """
     model = potential.model
     dx, du = direction[:, :3], direction[model.node_point, 3 + model.node_slot]
     slope = float(np.sum(gradient * direction))
-    alpha = longest_update(potential.chain, u, du)
+    alpha = longest = longest_update(potential.chain, u, du)
     norm = np.abs(gradient).max()
     while alpha > SHORTEST:
         x_new, u_new = x + alpha * dx, u + alpha * du
         energy_new, gradient_new = potential.gradient(x_new, u_new)
-        if energy_new <= energy + SUFFICIENT_DECREASE * alpha * slope:
-            return x_new, u_new, energy_new, gradient_new
-        if np.abs(gradient_new).max() <= (1.0 - 0.5 * alpha) * norm:
+        decreases = energy_new <= energy + SUFFICIENT_DECREASE * alpha * slope
+        if decreases and further and alpha == longest == 1.0:
+            return _furthest(potential, x, u, dx, du, (x_new, u_new, energy_new, gradient_new))
+        if decreases or np.abs(gradient_new).max() <= (1.0 - 0.5 * alpha) * norm:
             return x_new, u_new, energy_new, gradient_new
         alpha *= 0.5
     return None
+
+
+def _furthest(
+    potential: IncrementalPotential, x: Floats, u: Floats, dx: Floats, du: Floats,
+    found: tuple[Floats, Floats, float, Floats],
+) -> tuple[Floats, Floats, float, Floats]:
+    """Return what is found by doubling the update (dx, du) from (x, u), of which `found` is the end, while the energy falls."""
+    alpha = 2.0
+    while longest_update(potential.chain, u, alpha * du) == 1.0:
+        x_new, u_new = x + alpha * dx, u + alpha * du
+        energy_new, gradient_new = potential.gradient(x_new, u_new)
+        if not energy_new < found[2]:
+            x_new, u_new = found[:2]
+            return x_new, u_new, *potential.gradient(x_new, u_new)  # anew, for what the potential keeps of it
+        found, alpha = (x_new, u_new, energy_new, gradient_new), 2.0 * alpha
+    return found
 
 
 def longest_update(chain: Chain, u: Floats, du: Floats) -> float:

@@ -22,6 +22,7 @@ from engine.yarns.topology import Chain, assign, chain_of
 WORTHWHILE = 1e5  # times the tolerance: from this residual on, multipliers are worth an update
 # pulls that count: a contact force that may lack less is not worth more iterations, since only successive pulls end a contact
 ENOUGH = 10.0
+DOUBTS = 1  # updates of multipliers for the sake of such forces: what is in doubt then changes with the steps to come
 
 
 class YarnStepper:
@@ -56,13 +57,15 @@ class YarnStepper:
 
         x, u, energy, gradient = self.first_guess(start, potential, time, h)
         watch.lap("assemble")
+        doubts = 0
         while True:
             scale = self.measure(report, potential, gradient, x, u)
             closed = report.constraint_gap <= self.settings.gap_tolerance
             settled = closed and report.residual <= self.settings.tolerance
             last = report.newton_iterations == self.settings.max_newton
-            if settled and (last or not self.in_doubt(potential, x, u, scale).any()):
+            if settled and (last or doubts == DOUBTS or not self.in_doubt(potential, x, u, scale).any()):
                 break
+            doubts += settled
             if (settled or not closed) and report.residual <= WORTHWHILE * self.settings.tolerance:
                 if potential.update_multipliers(self.settings.gap_tolerance * self.least_radius):
                     system.forget_factor()
@@ -71,7 +74,7 @@ class YarnStepper:
                 return rejected(report, watch, "Newton did not converge")
             direction, iterations = system.direction(x, u, gradient, self.settings.tolerance * scale)
             report.linear_iterations += iterations
-            found = line_search(potential, x, u, energy, gradient, direction)
+            found = line_search(potential, x, u, energy, gradient, direction, further=bool(system.convex.any()))
             watch.lap("line_search")
             if found is None:
                 return rejected(report, watch, "the line search found no descent")

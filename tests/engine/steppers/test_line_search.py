@@ -34,3 +34,24 @@ def test_a_descent_is_taken_and_an_ascent_refused():
     np.testing.assert_array_equal(found[1], gradient_new)
     step = unknowns(stack.model, x_new - x, u_new - u)
     np.testing.assert_allclose(step / np.abs(step).max(), -gradient / np.abs(gradient).max(), atol=1e-9)
+
+
+@settings(deadline=None, max_examples=20)
+@given(length=st.floats(1e-9, 1e-4), seed=st.integers(0, 2))
+def test_further_steps_end_where_twice_the_way_would_lead_up_again(length, seed):
+    """And what the potential keeps, as the gaps, is of the place that is returned."""
+    stack = random_stack(seed)
+    p, (x, u) = stack.potential(), perturbed(stack, seed)
+    energy, gradient = p.gradient(x, u)
+    direction = -length * gradient
+    near = line_search(p, x, u, energy, gradient, direction)
+    x_far, u_far, energy_far, gradient_far = line_search(p, x, u, energy, gradient, direction, further=True)
+    gap = p.gap.copy()
+    assert energy_far <= near[2]
+    found = p.gradient(x_far, u_far)
+    assert found[0] == energy_far
+    np.testing.assert_array_equal(found[1], gradient_far)
+    np.testing.assert_array_equal(p.gap, gap)
+    beyond = x + 2.0 * (x_far - x), u + 2.0 * (u_far - u)
+    in_reach = longest_update(p.chain, u, 2.0 * (u_far - u)) == 1.0
+    assert not in_reach or p.gradient(*beyond)[0] >= energy_far
