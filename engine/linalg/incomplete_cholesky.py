@@ -57,6 +57,7 @@ def factorise(factor: IncompleteCholesky, stronger: bool = False) -> bool:
             return True
         factor.shift = next_shift(factor.shift)
         if factor.shift > LARGEST_SHIFT:
+            factor.shift = 0.0  # says nothing about the next matrix
             return False
 
 

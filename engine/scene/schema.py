@@ -273,8 +273,8 @@ class Box(_Solid):
     """Lengths of its sides [m]."""
     edges: bool = False
     """Yarns of fabrics that lie on the top (local z) at the start slide over its edges on nodes of their own, where
-    they cross the edges at 10 degrees or more. Over another fabric they do so with the friction of the two fabrics. Such a
-    box stays where it is."""
+    they cross the edges at 10 degrees or more. Over another fabric they do so with the friction of the two fabrics. A yarn
+    that slides to an end of an edge leaves it. Such a box stays where it is."""
 
 
 class Sphere(_Solid):

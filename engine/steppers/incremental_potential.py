@@ -86,7 +86,7 @@ class IncrementalPotential:
         self.gap = np.zeros((model.point_count, 3))
         free = self.projector[:, :3, :3]
         held = state.active & (free != np.eye(3)).any(axis=(1, 2))
-        self.constraint_shape = np.empty((model.point_count, 3, 3))
+        self.constraint_shape = np.zeros((model.point_count, 3, 3))
         self.constraint_shape[self.split] = stiffness_by_leverage(model, state, chain, self.split, free, held)
         self.last_gap = np.full(model.point_count, np.inf)  # when the multipliers were updated [m]
         self.multiplier = np.zeros((model.point_count, 3))

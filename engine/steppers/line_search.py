@@ -9,6 +9,7 @@ from engine.yarns.topology import Chain
 
 SUFFICIENT_DECREASE = 1e-4
 SHORTEST = 2.0**-14
+ON_TREND = 0.1  # of the slope at the start: what a doubled step must at least gain for its way
 KEPT_APART = 0.2  # share of a segment's material length that is left after one update
 
 
@@ -20,7 +21,8 @@ def line_search(
 
     x has shape [P, 3], u [N]. A step is accepted for a sufficient decrease of the energy, or for one of the gradient:
     close to the solution, changes of the energy drown in round-off. With `further` a step that is accepted at once is
-    doubled for as long as the energy falls: where curvature is negative, its positive form makes steps far too short.
+    doubled for as long as the energy falls as without curvature: where that is negative, its positive form makes steps far
+    too short.
     """
     model = potential.model
     dx, du = direction[:, :3], direction[model.node_point, 3 + model.node_slot]
@@ -32,7 +34,7 @@ def line_search(
         energy_new, gradient_new = potential.gradient(x_new, u_new)
         decreases = energy_new <= energy + SUFFICIENT_DECREASE * alpha * slope
         if decreases and further and alpha == longest == 1.0:
-            return _furthest(potential, x, u, dx, du, (x_new, u_new, energy_new, gradient_new))
+            return _furthest(potential, x, u, dx, du, slope, (x_new, u_new, energy_new, gradient_new))
         if decreases or np.abs(gradient_new).max() <= (1.0 - 0.5 * alpha) * norm:
             return x_new, u_new, energy_new, gradient_new
         alpha *= 0.5
@@ -40,7 +42,7 @@ def line_search(
 
 
 def _furthest(
-    potential: IncrementalPotential, x: Floats, u: Floats, dx: Floats, du: Floats,
+    potential: IncrementalPotential, x: Floats, u: Floats, dx: Floats, du: Floats, slope: float,
     found: tuple[Floats, Floats, float, Floats],
 ) -> tuple[Floats, Floats, float, Floats]:
     """Return what is found by doubling the update (dx, du) from (x, u), of which `found` is the end, while the energy falls."""
@@ -48,7 +50,7 @@ def _furthest(
     while longest_update(potential.chain, u, alpha * du) == 1.0:
         x_new, u_new = x + alpha * dx, u + alpha * du
         energy_new, gradient_new = potential.gradient(x_new, u_new)
-        if not energy_new < found[2]:
+        if not energy_new <= found[2] + ON_TREND * 0.5 * alpha * slope:
             x_new, u_new = found[:2]
             return x_new, u_new, *potential.gradient(x_new, u_new)  # anew, for what the potential keeps of it
         found, alpha = (x_new, u_new, energy_new, gradient_new), 2.0 * alpha

@@ -17,7 +17,7 @@ MANY = 1000  # points from which on a coarse space pays, and single precision
 FAR = 15.0  # segments that a wave of stretch runs within a step, from where on it pays
 PATCH = 8.0  # edge of a patch of cloth in rest segments
 PLACES = 3  # times that the positive form is tried around negative curvature before it is taken everywhere
-SHARE = 0.1  # of the most negative curvature of a row: rows with more are places of it
+SHARE = 0.1  # rows with at least this part of the most negative row's share in p.Ap are places of negative curvature
 MARGIN = 0.3  # of Newton's goal, for what the Hessian does not foresee
 
 
@@ -34,7 +34,7 @@ class NewtonSystem:
         if self.coarse is not None:
             self.preconditioner = TwoLevels(self.factor, self.coarse)
         self.fresh_iterations = 0  # that the last fresh factor took
-        self.usable: bool | None = None  # the factor is of this form of the Hessian, convex everywhere or not
+        self.usable: bool | None = None  # the factor is of the Hessian that is convex everywhere, or of another
         self.convex = np.zeros(potential.model.point_count, np.bool_)  # points with the positive form, in the last direction
 
     def _coarse_space(self) -> CoarseSpace | None:
@@ -57,7 +57,8 @@ class NewtonSystem:
 
         It solves H d = -g with the true Hessian or, where that is found indefinite, with its positive form, and no further
         than Newton's `goal` [N] for the largest component of g asks for. Few places have negative curvature as a rule, and
-        elsewhere the positive form would slow Newton down: so it is taken around them first, and everywhere if they go on.
+        elsewhere the positive form would slow Newton down: so it is taken around those that conjugate gradients find, and
+        everywhere if they go on or factors break down.
         """
         total, places = 0, 0
         self.convex[:] = False
@@ -71,7 +72,9 @@ class NewtonSystem:
             if descends or self.convex.all():
                 return direction if descends else -gradient, total
             places += 1
-            self.convex |= self._around(negative) if negative is not None and places <= PLACES else True
+            grown = self.convex if negative is None else self.convex | self._around(negative)
+            stuck = places > PLACES or np.array_equal(grown, self.convex)
+            self.convex = np.ones_like(grown) if stuck else grown
             self.forget_factor()
 
     def _around(self, curvature: Floats) -> Flags:

@@ -15,8 +15,8 @@ from engine.arrays import Flags, Floats, Ints
 from engine.yarns.model import YarnModel, YarnState
 from engine.yarns.topology import Chain
 
-LEAST = 1e-3  # leverage that is made up for: what is held more has next to nothing that it could move
 ENOUGH = 0.5  # leverage that needs no help
+LEAST = 1e-3  # of that is made up for: what is held more has next to nothing that it could move
 
 
 def stiffness_by_leverage(

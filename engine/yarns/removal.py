@@ -14,9 +14,9 @@ def parted(model: YarnModel, state: YarnState, separation_steps: int, safety_dis
     """Return the points that have lost their contact.
 
     A contact between fabrics ends after `separation_steps` successive steps of pulling. Every sliding point ends where u
-    has left the yarn; so does a crossing within a fabric, which then unravels. A yarn slips off an edge at its ends, less
-    the `safety_distance` in rest segments: over a corner it would lie on two edges at the same place, and nothing could
-    move it there.
+    has left the yarn; so does a crossing within a fabric, which then unravels. A yarn slips off an edge where it
+    slides to one of its ends, less the `safety_distance` in rest segments: over a corner it would lie on two edges at the
+    same place, and nothing could move it there.
     """
     first, second = model.point_nodes.T
     off_the_end = _outside(model, state, first) | ((second >= 0) & _outside(model, state, second))
@@ -24,7 +24,9 @@ def parted(model: YarnModel, state: YarnState, separation_steps: int, safety_dis
     edge = np.flatnonzero(model.point_kind == PointKind.EDGE)
     reach = model.edge_half_length[edge] - safety_distance * model.rest_segment[model.node_yarn[first[edge]]]
     slipped = np.zeros(model.point_count, np.bool_)
-    slipped[edge] = np.linalg.norm(state.x[edge] - model.edge_middle[edge], axis=1) > reach
+    from_middle = state.x[edge] - model.edge_middle[edge]
+    outwards = np.einsum("pk,pk->p", from_middle, state.x_rate[edge]) > 0.0
+    slipped[edge] = outwards & (np.linalg.norm(from_middle, axis=1) > reach)
     may_end = state.active & np.isin(model.point_kind, SLIDING_KINDS)
     return np.flatnonzero(may_end & (off_the_end | pulled | slipped))
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from engine.arrays import Floats
+from engine.arrays import Flags, Floats
 from engine.geometry.solids import distance_to
 from engine.linalg.block_matrix import BLOCK
 from engine.steppers.incremental_potential import IncrementalPotential
@@ -48,7 +48,7 @@ def alone(term: Term, potential: IncrementalPotential) -> IncrementalPotential:
     return unconstrained(potential)
 
 
-def full_hessian(potential: IncrementalPotential, x: Floats, u: Floats, convex: bool) -> Floats:
+def full_hessian(potential: IncrementalPotential, x: Floats, u: Floats, convex: bool | Flags) -> Floats:
     """Return the Hessian as a full matrix in the unknowns of all points; removed ones have none."""
     layout = potential.lay_out(np.float64, condense=False)
     potential.update_pull(x, u, np.zeros((len(x), BLOCK)))

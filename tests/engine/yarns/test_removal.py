@@ -55,13 +55,15 @@ def test_the_other_yarn_may_end_too(stack):
 
 
 def test_yarns_slip_off_an_edge_just_before_its_ends(stack):
+    """Where they come from its middle: what lies there stays."""
     point = np.flatnonzero(stack.model.point_kind == PointKind.EDGE)[0]
     margin = SAFETY * stack.model.rest_segment[stack.model.node_yarn[stack.model.point_nodes[point, 0]]]
     half_length = stack.model.edge_half_length.copy()
     middle = stack.model.edge_middle.copy()
     middle[point] = stack.state.x[point] - [3.0, 0.0, 0.0]
-    for beyond, ended in ((0.99, [point]), (1.01, [])):
+    for beyond, rate, ended in ((0.99, 1.0, [point]), (1.01, 1.0, []), (0.99, -1.0, []), (0.99, 0.0, [])):
         half_length[point] = 3.0 + beyond * margin
+        stack.state.x_rate[point] = [rate, 0.0, 0.0]
         model = replace(stack.model, edge_middle=middle, edge_half_length=half_length)
         assert list(parted(model, stack.state, STEPS, SAFETY)) == ended
 
