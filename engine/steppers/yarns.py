@@ -22,7 +22,6 @@ from engine.yarns.topology import Chain, assign, chain_of
 WORTHWHILE = 1e5  # times the tolerance: from this residual on, multipliers are worth an update
 # pulls that count: a contact force that may lack less is not worth more iterations, since only successive pulls end a contact
 ENOUGH = 10.0
-DOUBTS = 1  # updates of multipliers for the sake of such forces: what is in doubt then changes with the steps to come
 
 
 class YarnStepper:
@@ -57,15 +56,13 @@ class YarnStepper:
 
         x, u, energy, gradient = self.first_guess(start, potential, time, h)
         watch.lap("assemble")
-        doubts = 0
         while True:
             scale = self.measure(report, potential, gradient, x, u)
             closed = report.constraint_gap <= self.settings.gap_tolerance
             settled = closed and report.residual <= self.settings.tolerance
             last = report.newton_iterations == self.settings.max_newton
-            if settled and (last or doubts == DOUBTS or not self.in_doubt(potential, x, u, scale).any()):
+            if settled and (last or not self.in_doubt(potential, x, u, scale).any()):
                 break
-            doubts += settled
             if (settled or not closed) and report.residual <= WORTHWHILE * self.settings.tolerance:
                 if potential.update_multipliers(self.settings.gap_tolerance * self.least_radius):
                     system.forget_factor()
