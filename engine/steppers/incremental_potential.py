@@ -45,7 +45,9 @@ class IncrementalPotential:
         self.sliding = np.flatnonzero(active_node & ~model.u_fixed)
         has_eil = state.eil[first] | ((second >= 0) & state.eil[second])
         self.split = np.flatnonzero(state.active & has_eil & (model.point_kind != PointKind.LAGRANGIAN))
-        self.interpolated = np.flatnonzero(state.active & constraints.interpolated(model, state))
+        interpolated = state.active & constraints.interpolated(model, state)
+        self.interpolated = np.flatnonzero(interpolated)
+        self.interpolated_contact = interpolated & (model.point_kind == PointKind.CONTACT)
         self.sheared = shear.sheared(model, state)
         self.parts = self.sheared_parts = np.zeros(1, np.int64)  # of both, for work at once: none before `lay_out`
         self.shear_stiffness, self.free_angle = shear.stiffness(model), shear.free_angle(model)
@@ -214,14 +216,13 @@ class IncrementalPotential:
 
         condensed = np.zeros(0, np.int64)
         if condense:
-            condensed = np.flatnonzero(constraints.interpolated(m, self.state)[self.split] &
-                                       (m.point_kind[self.split] == PointKind.CONTACT))
+            condensed = np.flatnonzero(self.interpolated_contact[self.split])
         layout = lay_out(np.concatenate(pairs), np.flatnonzero(self.state.active), self.split[condensed],
                          members[condensed, 1:], m.point_count, dtype)
         order, self.parts = parts_of(layout, members)
-        self.split = self.split[order]
+        self.split, self.split_members = self.split[order], members[order]
         order, self.sheared_parts = parts_of(layout, sheared)
-        self.sheared = self.sheared[order]
+        self.sheared, self.sheared_members = self.sheared[order], sheared[order]
         self.band = np.empty((len(node), 3, 4, 4), dtype)
         self.place = np.full(m.node_count, -1, np.int64)
         self.place[node] = np.arange(len(node))

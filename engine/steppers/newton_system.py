@@ -7,6 +7,7 @@ from engine.linalg.coarse_space import CoarseSpace, TwoLevels
 from engine.linalg.conjugate_gradient import Preconditioner, conjugate_gradient
 from engine.linalg.incomplete_cholesky import LARGEST_SHIFT, factorise, incomplete_cholesky
 from engine.steppers.incremental_potential import IncrementalPotential
+from engine.steppers.layout import Layout
 from engine.steppers.step_report import Stopwatch
 from engine.yarns import constraints, contact, fabric_motion
 from engine.yarns.settings import YarnSettings
@@ -24,13 +25,22 @@ MARGIN = 0.3  # of Newton's goal, for what the Hessian does not foresee
 class NewtonSystem:
     """The Hessian of a step, whose pattern stays while its values change with the iterations."""
 
-    def __init__(self, potential: IncrementalPotential, settings: YarnSettings, watch: Stopwatch):
-        """Lay out the matrix and its incomplete factor, of large systems in single precision: a direction needs no more."""
+    def __init__(
+        self, potential: IncrementalPotential, settings: YarnSettings, watch: Stopwatch, whole: "NewtonSystem | None" = None,
+    ):
+        """Lay out the matrix and its incomplete factor, of large systems in single precision: a direction needs no more.
+
+        That of a piece, which has the precision of its `whole`, has no coarse space: nothing runs far in it.
+        """
         self.potential, self.settings, self.watch = potential, settings, watch
-        self.layout = potential.lay_out(np.float32 if np.count_nonzero(potential.state.active) >= MANY else np.float64)
+        if whole is None:
+            dtype = np.float32 if np.count_nonzero(potential.state.active) >= MANY else np.float64
+        else:
+            dtype = whole.layout.matrix.block.dtype
+        self.layout: Layout = potential.lay_out(dtype)
         self.factor = incomplete_cholesky(self.layout.matrix)
         self.preconditioner: Preconditioner = self.factor
-        self.coarse = self._coarse_space()
+        self.coarse = self._coarse_space() if whole is None else None
         if self.coarse is not None:
             self.preconditioner = TwoLevels(self.factor, self.coarse)
         self.fresh_iterations = 0  # that the last fresh factor took

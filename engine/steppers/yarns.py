@@ -9,7 +9,8 @@ from engine.contact.collisions import pressing
 from engine.contact.obstacles import Obstacles, motion
 from engine.contact.sphere_packing import Collisions, collision_pairs
 from engine.steppers.incremental_potential import IncrementalPotential
-from engine.steppers.line_search import line_search, longest_update
+from engine.steppers.line_search import longest_update
+from engine.steppers.newton import newton
 from engine.steppers.newton_system import NewtonSystem
 from engine.steppers.step_report import StepReport, Stopwatch
 from engine.yarns import addition, contact, friction, friction_circle, inertia, normal_force, transition
@@ -20,7 +21,7 @@ from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, assign, chain_of
 
 WORTHWHILE = 1e5  # times the tolerance: from this residual on, multipliers are worth an update
-# pulls that count: a contact force that may lack less is not worth more iterations, since only successive pulls end a contact
+# pulls that count: an F_n that may lack less is not worth more iterations, since only successive pulls end a contact
 ENOUGH = 10.0
 
 
@@ -56,12 +57,13 @@ class YarnStepper:
 
         x, u, energy, gradient = self.first_guess(start, potential, time, h)
         watch.lap("assemble")
+        lacked = np.full(self.model.point_count, np.inf)
         while True:
             scale = self.measure(report, potential, gradient, x, u)
             closed = report.constraint_gap <= self.settings.gap_tolerance
             settled = closed and report.residual <= self.settings.tolerance
             last = report.newton_iterations == self.settings.max_newton
-            if settled and (last or not self.in_doubt(potential, x, u, scale).any()):
+            if settled and (last or not self.in_doubt(potential, x, u, scale, lacked).any()):
                 break
             if (settled or not closed) and report.residual <= WORTHWHILE * self.settings.tolerance:
                 if potential.update_multipliers(self.settings.gap_tolerance * self.least_radius):
@@ -69,13 +71,10 @@ class YarnStepper:
                 energy, gradient = potential.gradient(x, u)
             if last:
                 return rejected(report, watch, "Newton did not converge")
-            direction, iterations = system.direction(x, u, gradient, self.settings.tolerance * scale)
+            found, iterations = newton(potential, system, (x, u, energy, gradient), self.settings.tolerance * scale)
             report.linear_iterations += iterations
-            found = line_search(potential, x, u, energy, gradient, direction, further=bool(system.convex.any()))
-            watch.lap("line_search")
             if found is None:
                 return rejected(report, watch, "the line search found no descent")
-            potential.update_pull(x, u, direction)
             x, u, energy, gradient = found
             report.newton_iterations += 1
         if not np.isfinite(energy):
@@ -187,22 +186,29 @@ class YarnStepper:
 
         start.x, start.u = x, u
 
-    def in_doubt(self, potential: IncrementalPotential, x: Floats, u: Floats, scale: float) -> Flags:
+    def in_doubt(
+        self, potential: IncrementalPotential, x: Floats, u: Floats, scale: float, lacked: Floats,
+    ) -> Flags:
         """Return which contacts between fabrics pull or press as far as their gaps let one know, shape [P].
 
-        What its gap adds to a multiplier is a measure of what the contact force lacks still: a small gap between stiff yarns is
-        no small force. It matters where it is more than a multiple of the pull that counts as pulling, and than the residual
-        that a step may leave; `scale` is that of forces [N].
+        What its gap adds to a multiplier is a measure of what F_n lacks still: a small gap between stiff yarns is no small
+        force. It matters where it is more than a multiple of the pull that counts as pulling, and than the residual that a
+        step may leave; `scale` is that of forces [N]. What an update of the multipliers has not halved comes from that
+        residual, and more of them would not tell: `lacked` [P] is what it was the last time [N], and is written.
         """
         m, s, split = self.model, self.settings, potential.split
         threshold = s.separation_force * scale
-        lacking = np.zeros(m.point_count)
-        lacking[split] = np.linalg.norm(potential.resistance(), axis=1)
-        doubtful = (m.point_kind == PointKind.CONTACT) & (lacking > max(ENOUGH * threshold, s.tolerance * scale))
+        least = max(ENOUGH * threshold, s.tolerance * scale)
+        resistance = np.zeros((m.point_count, 3))
+        resistance[split] = potential.resistance()
+        doubtful = (m.point_kind == PointKind.CONTACT) & (np.linalg.norm(resistance, axis=1) > least)
         if doubtful.any():
-            force = np.zeros(m.point_count)
+            force, lacking = np.zeros(m.point_count), np.zeros(m.point_count)
             self.write_normal_forces(doubtful, potential, potential.contact_force(), x, u, force)
-            doubtful &= np.abs(force + threshold) <= lacking
+            self.write_normal_forces(doubtful, potential, resistance, x, u, lacking)
+            lacking = np.abs(lacking)
+            doubtful &= (lacking > least) & (np.abs(force + threshold) <= lacking) & (lacking <= 0.5 * lacked)
+            lacked[:] = lacking
         return doubtful
 
     def write_normal_forces(

@@ -10,6 +10,7 @@ Shapes below use Y yarns, N nodes, P points, H handles.
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import ClassVar
 
 from engine.arrays import Flags, Floats, Ints
 
@@ -38,6 +39,13 @@ class NodeState(IntEnum):
 @dataclass(frozen=True)
 class YarnModel:
     """Constants of all yarns of a scene, packed."""
+
+    # constants that a part of the yarns, nodes or points keeps as they are
+    OF_YARNS: ClassVar = ("fabric", "length", "rest_segment", "crossing_spacing", "density", "radius", "stretch_stiffness",
+                          "bending_stiffness", "shear_stiffness", "mass_damping", "stretch_damping", "kinematic",
+                          "obstacle_distance")
+    OF_NODES: ClassVar = ("node_slot", "u_fixed", "height")
+    OF_POINTS: ClassVar = ("point_kind", "side", "friction", "free_directions", "handle", "edge_middle", "edge_half_length")
 
     # yarns
     node_start: Ints  # nodes of yarn y are node_start[y] ... node_start[y+1]-1, shape [Y+1]
@@ -89,6 +97,10 @@ class YarnModel:
 @dataclass
 class YarnState:
     """All that changes in time; a checkpoint is exactly these arrays."""
+
+    OF_NODES: ClassVar = ("u", "u_rate", "velocity", "order", "eil", "anchor")
+    OF_POINTS: ClassVar = ("x", "x_rate", "active", "parting", "normal_force", "contact_force", "gap", "gap_offset",
+                           "pulling_steps", "obstacle_anchor", "obstacle_force")
 
     x: Floats  # Lagrangian coordinates of points [m], shape [P, 3]
     u: Floats  # Eulerian coordinates of nodes [m], shape [N]
