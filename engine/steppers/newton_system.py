@@ -1,6 +1,7 @@
 """The linear system of a Newton iteration, and its solution by preconditioned conjugate gradients."""
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from engine.arrays import Flags, Floats
 from engine.linalg.coarse_space import CoarseSpace, TwoLevels
@@ -33,6 +34,7 @@ class NewtonSystem:
         That of a piece, which has the precision of its `whole`, has no coarse space: nothing runs far in it.
         """
         self.potential, self.settings, self.watch = potential, settings, watch
+        dtype: DTypeLike
         if whole is None:
             dtype = np.float32 if np.count_nonzero(potential.state.active) >= MANY else np.float64
         else:

@@ -14,7 +14,7 @@ from engine.yarns.assembly import YarnAssembly
 from engine.yarns.handles import Handles, no_handles
 from engine.yarns.model import PointKind
 from engine.yarns.settings import YarnSettings
-from tests.engine.yarns.stacks import GRAVITY, MATERIAL, NO_OBSTACLES, UP, free_weaves, straight_yarn
+from tests.engine.yarns.stacks import GRAVITY, MATERIAL, NO_OBSTACLES, UP, free_weaves, perturbed, random_stack, straight_yarn
 
 EXACT = YarnSettings(tolerance=1e-12, linear_tolerance=1e-12)
 H = 0.01
@@ -205,6 +205,24 @@ def test_a_rod_that_pulls_is_let_go():
     reports = steps(alone(model, held, -UP), state, 4)
     assert [report.removed for report in reports] == [0, 0, 1, 0]
     assert not state.active[point]
+
+
+def test_forces_are_doubted_for_as_long_as_updates_of_multipliers_tell_more():
+    """Contacts whose multipliers and gaps cancel may pull or press as well; a second look at the same gaps tells no more."""
+    stack = random_stack(0)
+    x, u = perturbed(stack, 0)
+    potential = stack.potential()
+    potential.gradient(x, u)
+    potential.multiplier[potential.split] = -potential.resistance()
+    stepper = alone(stack.model, YarnSettings(separation_force=0.0))
+    lacked = np.full(len(x), np.inf)
+    doubtful = stepper.in_doubt(potential, x, u, 1.0, lacked)
+    assert doubtful.any() and (stack.model.point_kind[doubtful] == PointKind.CONTACT).all()
+    assert (lacked[doubtful] > 0.0).all()
+    assert not stepper.in_doubt(potential, x, u, 1.0, lacked.copy()).any()
+    np.testing.assert_array_equal(stepper.in_doubt(potential, x, u, 1.0, 2.0 * lacked), doubtful)
+    potential.multiplier[potential.split] *= -9.0  # presses or pulls by ten times what its gap makes
+    assert not stepper.in_doubt(potential, x, u, 1.0, np.full(len(x), np.inf)).any()
 
 
 def test_a_step_without_obstacles_asks_nothing_of_them():

@@ -43,10 +43,10 @@ class Stack:
         """The EoL nodes of the present assignment."""
         return chain_of(self.model, self.state.order, self.state.eil, self.state.active)
 
-    def potential(self, settings: YarnSettings = SETTINGS) -> IncrementalPotential:
+    def potential(self, settings: YarnSettings = SETTINGS, h: float = H) -> IncrementalPotential:
         """The incremental potential of a step from here."""
-        obstacles = motion(self.obstacles, no_handles(), 0.0, H)
-        return IncrementalPotential(self.model, settings, self.gravity, obstacles, self.state, self.chain, H,
+        obstacles = motion(self.obstacles, no_handles(), 0.0, h)
+        return IncrementalPotential(self.model, settings, self.gravity, obstacles, self.state, self.chain, h,
                                     self.colliding)
 
 
