@@ -34,7 +34,7 @@ WARM_UP = 10  # steps from rest that are not timed; they compile the kernels as 
 TIMED = 10  # steps
 SPACING = 5.6e-3
 FEW = 2  # steps that are timed of stacks of denim, the largest of which take a minute each
-STAGES = ("assign", "assemble", "factor", "solve", "line_search", "commit")
+STAGES = ("assign", "assemble", "pieces", "factor", "solve", "line_search", "commit")
 ENTRY = 8  # bytes of an index, or of a number of a vector
 
 FIRST_FRAME = """

@@ -16,7 +16,8 @@ from engine.scene.weave import weave
 
 def disagreements(scene: Scene) -> Iterator[Problem]:
     """Yield what does not agree; later checks rely on earlier ones, so the first kind of problems ends the search."""
-    checks = (_step, _names, _known_names, _lines, _held_points, _ends, _patches, _outlines, _stacks, _edges, mesh_problems)
+    checks = (_step, _names, _known_names, _lines, _held_points, _ends, _patches, _outlines, _stacks, _edges, _crimp,
+              mesh_problems)
     for check in checks:
         problem = None
         for problem in check(scene):
@@ -190,6 +191,16 @@ def _stacks(scene: Scene) -> Iterator[Problem]:
                           "fabrics in one plane: the model neglects the thickness of layers")
     if scene.contacts and max(levels(scene.fabrics, scene.contacts).values()) >= len(scene.fabrics):
         yield Problem("contacts", "put a fabric above itself", "stacks from lower to upper")
+
+
+def _crimp(scene: Scene) -> Iterator[Problem]:
+    """Fabrics whose yarns have a thickness at run time slide on nothing that has nodes of its own on them."""
+    stacked = {name for contact in scene.contacts for name in (contact.lower, contact.upper)}
+    edges = any(isinstance(box, Box) and box.edges for box in scene.obstacles)
+    for i, fabric in enumerate(scene.fabrics):
+        if fabric.crimp != "flat" and (edges or fabric.name in stacked):
+            where = "a scene with edges that yarns slide over" if edges else "a fabric in contact with another"
+            yield Problem(f"fabrics[{i}].crimp", f"is {fabric.crimp} in {where}", "flat")
 
 
 def _edges(scene: Scene) -> Iterator[Problem]:

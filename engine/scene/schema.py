@@ -194,6 +194,10 @@ class Fabric(Part):
     them, and between an end and the crossing next to it where these are further apart than such a segment is long."""
     friction: Friction = 0.5
     """Friction of warps on wefts."""
+    crimp: Literal["flat", "set", "free"] = "flat"
+    """Where centre lines pass that stretch and bend: through the point at which two yarns touch (`flat`), or at their radii
+    from it, bent without force as they are woven (`set`), or pressed into the weave (`free`), which then spreads. The
+    latter two cost several times as much, and are for fabrics without `contacts` and away from boxes with `edges`."""
     kinematic: bool = False
     """The patch is rigid and stays where it is."""
     pins: Literal["none", "corners", "edges"] = "none"

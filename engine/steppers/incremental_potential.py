@@ -10,7 +10,19 @@ from engine.contact.collisions import CollisionPairs
 from engine.contact.obstacles import ObstacleMotion
 from engine.linalg.block_matrix import BLOCK
 from engine.steppers.layout import Layout, lay_out, parts_of
-from engine.yarns import constraints, contact, friction, friction_circle, inertia, internal, normal_force, parallel_contact, shear
+from engine.yarns import (
+    constraints,
+    contact,
+    friction,
+    friction_circle,
+    inertia,
+    internal,
+    normal_force,
+    parallel_contact,
+    shear,
+    turning,
+    weave_set,
+)
 from engine.yarns.crimp import centre_lines
 from engine.yarns.leverage import stiffness_by_leverage
 from engine.yarns.model import PointKind, YarnModel, YarnState
@@ -55,7 +67,9 @@ class IncrementalPotential:
         near = parallel_contact.within_reach(pair, distance, self.u0, state.u_rate, h)
         self.parallel_pair, self.parallel_distance = pair[near], distance[near]
         self.centre_lines = centre_lines(model, state, chain)
-        self.centre0 = self.centre_lines.through(self.x0)
+        self.centre0 = self.centre_lines.through(self.x0, self.u0)
+        self.offsets = self.centre_lines.offsets
+        self.set_nodes = weave_set.set_nodes(model, chain)
         self.stretch_at_start = np.ones(model.node_count)
         normal_force.stretches(np.flatnonzero(active_node), chain.before, chain.after, self.centre_lines.place,
                                self.centre0, self.u0, self.stretch_at_start)
@@ -134,16 +148,38 @@ class IncrementalPotential:
         m, c = self.model, self.chain
         g = self.by_node
         g[:] = 0.0
-        energy = internal.add_gradient(
-            c.node, c.start, m.node_point, m.density, m.kinematic, m.stretch_stiffness, m.stretch_damping,
-            m.bending_stiffness, self.h, self.u0, self.prediction, self.corner_force, x, u, self.centre_lines.place,
-            self.centre0, self.centre_lines.through(x), g)
+        energy = self._of_yarns(x, u, g)
         energy += shear.add_gradient_in_parts(self.sheared, self.sheared_parts, m.point_nodes, self.state.eil, c.before,
                                               c.after, m.node_point, self.shear_stiffness, self.free_angle, x, g)
         energy += parallel_contact.add_gradient(self.parallel_pair, self.parallel_distance, self.parallel_stiffness, u, g)
         energy += contact.add_gradient_in_parts(
             self.split, self.parts, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
             self.constraint_stiffness, self.constraint_shape, self.multiplier, self.offset, x, u, g, self.gap)
+        return energy
+
+    def _of_yarns(self, x: Floats, u: Floats, g: Floats) -> float:
+        """Add the gradient of inertia, stretch and bending to g [N, 4]; returns their energy [J].
+
+        Forces on centre lines with offsets are kept too, for what they do by turning these.
+        """
+        m, c, lines = self.model, self.chain, self.centre_lines
+        if self.offsets is None:
+            return internal.add_gradient(
+                c.node, c.start, m.node_point, m.density, m.kinematic, m.stretch_stiffness, m.stretch_damping,
+                m.bending_stiffness, self.h, self.u0, self.prediction, self.corner_force, x, u, lines.place, self.centre0, x, g)
+        normals, centre, none = self.offsets.normals(x), lines.through(x, u), np.zeros(m.yarn_count)
+        self.on_centres, self.on_normals = np.zeros((m.node_count, 4)), np.zeros(normals.shape)
+        energy = internal.add_gradient(
+            c.node, c.start, m.node_point, m.density, m.kinematic, none, none, none, self.h, self.u0, self.prediction,
+            self.corner_force, x, u, lines.place, self.centre0, centre, g)
+        energy += internal.add_gradient(
+            c.node, c.start, m.node_point, m.density, np.ones(m.yarn_count, np.bool_), m.stretch_stiffness, m.stretch_damping,
+            m.bending_stiffness, self.h, self.u0, self.prediction, self.corner_force, x, u, lines.place, self.centre0, centre,
+            self.on_centres)
+        energy += weave_set.add_gradient(
+            self.set_nodes, c.before, c.after, m.node_yarn, m.bending_stiffness, m.set_angle, self.offsets.source, normals,
+            centre, u, self.on_centres, self.on_normals)
+        g += self.on_centres
         return energy
 
     def gradient(self, x: Floats, u: Floats) -> tuple[float, Floats]:
@@ -156,6 +192,8 @@ class IncrementalPotential:
                                                self.slope, self.state.anchor, u, self.by_node)
         gradient = np.zeros((m.point_count, BLOCK))
         constraints.gather(m.node_point, m.node_slot, self.by_node, gradient)
+        if self.offsets is not None:
+            turning.add_couples(self.offsets, m.node_slot, x, u, self.on_centres, self.on_normals, gradient)
         if len(self.touching):
             energy += obstacle_contact.add_gradient(
                 self.touching, self.obstacles.end, self.obstacle_distance, self.obstacle_stiffness, self.obstacle_anchor,
@@ -213,6 +251,8 @@ class IncrementalPotential:
         pairs.append(m.node_point[self.parallel_pair])
         if self.colliding is not None:
             pairs.append(self.colliding.coupled(m.point_count))
+        if self.offsets is not None:
+            pairs.append(turning.coupled(self.offsets, c, m.node_slot, self.x0, self.u0))
 
         condensed = np.zeros(0, np.int64)
         if condense:
@@ -245,9 +285,11 @@ class IncrementalPotential:
         Returns whether the condensed unknowns could be eliminated, whose block must be positive for that.
         """
         m, c, a = self.model, self.chain, layout.matrix
+        lines, centre, none = self.centre_lines, self.centre_lines.through(x, u), np.zeros(m.yarn_count)
+        on_x = self.offsets is None  # or on centre lines
         internal.hessian(
-            c.node, c.start, m.density, m.kinematic, m.stretch_stiffness, m.stretch_damping, m.bending_stiffness, self.h,
-            self.u0, self.prediction, u, self.centre_lines.place, self.centre0, self.centre_lines.through(x),
+            c.node, c.start, m.density, m.kinematic, m.stretch_stiffness if on_x else none, m.stretch_damping,
+            m.bending_stiffness if on_x else none, self.h, self.u0, self.prediction, u, lines.place, self.centre0, centre,
             convex[m.node_point], self.band)
         self.sliding_curvature[:] = 0.0
         friction.add_hessian(self.sliding, m.node_point, m.node_slot, self.friction_stiffness, self.friction_limit,
@@ -256,6 +298,12 @@ class IncrementalPotential:
                                     self.state.anchor, self.pull, u, self.sliding_curvature)
         internal.gather(layout.point, layout.row, m.point_nodes, self.place, c.node, c.start, m.node_yarn, m.node_point,
                         m.node_slot, self.band, self.sliding_curvature, a.start, a.column, a.block)
+        if self.offsets is not None:
+            internal.hessian(
+                c.node, c.start, m.density, np.ones(m.yarn_count, np.bool_), m.stretch_stiffness, m.stretch_damping,
+                m.bending_stiffness, self.h, self.u0, self.prediction, u, lines.place, self.centre0, centre,
+                convex[m.node_point], self.band)
+            turning.add_hessian(self.offsets, c, m.node_slot, x, u, self.band, layout.row, a.start, a.column, a.block)
         shear.add_hessian_in_parts(
             self.sheared, self.sheared_parts, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
             self.shear_stiffness, self.free_angle, x, convex, layout.row, a.start, a.column, a.block)

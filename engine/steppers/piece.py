@@ -60,7 +60,7 @@ def points_around(seeds: Ints, rings: int, layout: Layout) -> Flags:
 
 
 def piece_of(whole: IncrementalPotential, free: Flags) -> Piece:
-    """Return the terms that touch `free` points [P], which alone may move.
+    """Return the terms that touch `free` points [P], which alone may move, of yarns without crimp.
 
     The u of a contact with two EIL nodes meet nothing but the contact's own term, and are free where that is there.
     """
@@ -96,12 +96,8 @@ def piece_of(whole: IncrementalPotential, free: Flags) -> Piece:
     if pairs is not None:
         own.colliding = replace(pairs, point=point_number[pairs.point[colliding]], weight=pairs.weight[colliding],
                                 rest=pairs.rest[colliding], stiffness=pairs.stiffness[colliding])
-    offset = whole.centre_lines.offset
-    if offset is None:
-        own.centre_lines, own.centre0 = CentreLines(own.model.node_point, own.model.node_point, None), own.x0
-    else:
-        own.centre_lines = CentreLines(np.arange(len(nodes)), own.model.node_point, offset[nodes])
-        own.centre0 = whole.centre0[nodes]
+    own.centre_lines, own.centre0 = CentreLines(own.model.node_point, own.model.node_point, None), own.x0
+    own.set_nodes = np.zeros(0, np.int64)
     still = ~free[points]
     own.projector = whole.projector[points]
     own.projector[still] = 0.0

@@ -139,7 +139,7 @@ class YarnStepper:
         """
         m, c = self.model, potential.chain
         lines = potential.centre_lines
-        tension = largest_tension(c.node, c.after, m.node_yarn, lines.place, m.stretch_stiffness, lines.through(x), u)
+        tension = largest_tension(c.node, c.after, m.node_yarn, lines.place, m.stretch_stiffness, lines.through(x, u), u)
         floor = 1e-9 * float(m.stretch_stiffness.max(initial=0.0))
         scale = max(self.weight, 1e-3 * tension, floor)
         report.residual = float(np.abs(gradient).max(initial=0.0)) / scale

@@ -68,19 +68,21 @@ class YarnAssembly:
     def crossing(
         self, below: int, u: float, above: int, v: float, x: Floats, up: Floats, friction: float = 0.0,
         kind: PointKind = PointKind.CROSSING, pinned: bool = False, handle: int = -1, crimp: bool = False,
+        set_as_woven: bool = False,
     ) -> int:
         """Add a place where yarn `below` (at u) and yarn `above` (at v) touch.
 
         `up` [3] is any vector that points from the lower to the upper yarn. `kind` is CROSSING within a fabric,
         CONTACT between fabrics, STITCH where both are sewn together. With `crimp`, their centre lines pass at their
-        radii from it, and u, v become lengths along centre lines (`engine.yarns.crimp`). Returns the point.
+        radii from it, and u, v become lengths along centre lines (`engine.yarns.crimp`); if they are `set_as_woven`, that bends
+        them without force. Returns the point.
         """
-        return int(self.crossings(below, u, above, v, x, up, friction, kind, pinned, handle, crimp)[0])
+        return int(self.crossings(below, u, above, v, x, up, friction, kind, pinned, handle, crimp, set_as_woven)[0])
 
     def crossings(
         self, below: ArrayLike, u: ArrayLike, above: ArrayLike, v: ArrayLike, x: Floats, up: ArrayLike,
         friction: float = 0.0, kind: PointKind = PointKind.CROSSING, pinned: ArrayLike = False,
-        handle: ArrayLike = -1, crimp: bool = False, active: ArrayLike = True,
+        handle: ArrayLike = -1, crimp: bool = False, set_as_woven: bool = False, active: ArrayLike = True,
     ) -> Ints:
         """Add places at `x` [n, 3] where yarns touch, or may come to do so if not `active`, all of one `kind`.
 
@@ -88,7 +90,7 @@ class YarnAssembly:
         """
         sewn = kind == PointKind.STITCH
         return self._add(kind, x, [(below, u, sewn), (above, v, sewn)], up=up, friction=friction, pinned=pinned,
-                         handle=handle, crimp=crimp, active=active)
+                         handle=handle, crimp=crimp, set_as_woven=set_as_woven, active=active)
 
     def eyelet(self, yarn: int, u: float, x: Floats, friction: float = 0.0, handle: int = -1) -> int:
         """Add a fixed place that the yarn slides through; returns its point."""
@@ -112,15 +114,15 @@ class YarnAssembly:
 
     def _add(
         self, kind, x, nodes, up=(0.0, 0.0, 1.0), friction=0.0, pinned=False, free_directions=None, handle=-1, crimp=False,
-        active=True, edge_middle=(0.0, 0.0, 0.0), edge_half_length=np.inf,
+        set_as_woven=False, active=True, edge_middle=(0.0, 0.0, 0.0), edge_half_length=np.inf,
     ):
         """Add points at `x`, each with one or two nodes (yarn, u, u is fixed); everything else broadcasts."""
         x = np.asarray(x, float).reshape(-1, 3)
         point = self.point_count + np.arange(len(x))
         if free_directions is None:
             free_directions = np.where(np.asarray(pinned)[..., None, None], np.zeros((3, 3)), np.eye(3))
-        constants = dict(kind=int(kind), friction=float(friction), handle=handle, crimp=crimp, active=active,
-                         edge_half_length=float(edge_half_length))
+        constants = dict(kind=int(kind), friction=float(friction), handle=handle, crimp=crimp,
+                         set_as_woven=set_as_woven, active=active, edge_half_length=float(edge_half_length))
         self.points.append(dict(
             x=x, up=np.broadcast_to(up, x.shape), edge_middle=np.broadcast_to(edge_middle, x.shape),
             free_directions=np.broadcast_to(free_directions, (len(x), 3, 3)),
@@ -161,6 +163,7 @@ class YarnAssembly:
             height=np.where(point["crimp"][node_point], (2 * node_slot - 1) * yarn_values("radius")[node_yarn], 0.0),
             point_kind=point["kind"].astype(np.int64),
             point_nodes=point_nodes,
+            set_angle=np.zeros(len(u)),
             side=_sides(point["up"], point_nodes, self._tangents(x[node_point], u, point["active"][node_point], node_start)),
             friction=point["friction"],
             free_directions=point["free_directions"],
@@ -180,14 +183,16 @@ class YarnAssembly:
         )
         # imported here, because reading and checking a scene needs no compiled kernels
         from engine.yarns import normal_force
-        from engine.yarns.crimp import crimped_coordinates
+        from engine.yarns.crimp import centre_lines, crimped_coordinates
         from engine.yarns.topology import assign, chain_of
+        from engine.yarns.weave_set import bends
 
         if model.height.any():
             chain = chain_of(model, state.order, state.eil, state.active)
             state.u = crimped_coordinates(model, state, chain)
             last = node_start[1:] - 1
-            model = replace(model, length=model.length + state.u[last] - u[last])
+            set_angle = bends(model, state, chain, centre_lines(model, state, chain)) * point["set_as_woven"][node_point]
+            model = replace(model, length=model.length + state.u[last] - u[last], set_angle=set_angle)
             state.anchor = state.u.copy()
         assign(model, state, YarnSettings.safety_distance, 0.0)
         state.normal_force = normal_force.at_rest(model, state, chain_of(model, state.order, state.eil, state.active))

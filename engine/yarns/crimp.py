@@ -6,14 +6,12 @@ the unit normal from the one to the other, and it is the centre lines that stret
 yarn as it lowers the other, against nothing else: how the crossing's height R_0 + R_1 is shared between the crimps of the
 two is part of the unknown x, and crimp interchange needs no unknown of its own.
 
-n is that of the start of a step and follows x with the next one. Forces on x lack what turning n would do, the moment about
-x of what acts on both centres: none where the cloth is loaded in its plane, as in `woven-biaxial`. Cloth that turns or hangs
-freely is another matter: offsets that do not turn with it within a step strain its yarns, and a hanging patch gains energy
-until steps are rejected. So no scene can ask for crimp before n is part of the unknowns.
+n turns with the cloth: it is a function of x, of the directions in which both yarns pass. Forces on centres so act on the
+points around too (`engine.yarns.turning`), and a piece of cloth that turns as a whole stores nothing.
 
-Between crossings the offset is interpolated along the yarn, so that contacts with other fabrics slide on straight segments
-of it. It is zero at ends: half a spacing behind its last crossing, a yarn is in its middle plane. Inertia, weight, shear and
-contact with anything else see x.
+Between crossings the offset is interpolated along the yarn by u, so that contacts with other fabrics slide on straight
+segments of it. It is zero at ends: half a spacing behind its last crossing, a yarn is in its middle plane. Inertia, weight,
+shear and contact with anything else see x.
 """
 
 from dataclasses import dataclass
@@ -31,27 +29,64 @@ if TYPE_CHECKING:  # which needs centre lines itself
 
 
 @dataclass(frozen=True)
+class Offsets:
+    """How far the centres of nodes are from their points while the order of nodes stays as it is."""
+
+    crossings: Ints  # points with a normal, shape [C]
+    point_nodes: Ints  # of all points, shape [P, 2]
+    side: Floats  # [P]
+    before: Ints  # of all nodes, shape [N]
+    after: Ints  # [N]
+    node_point: Ints  # [N]
+    height: Floats  # of the centre above the point at crossings, 0 elsewhere [m], shape [N]
+    ends: Ints  # nodes of known offset, crossings and ends of yarns, between which each node stands, or itself, shape [N, 2]
+    source: Ints  # number of the crossings at `ends`, 0 where there is none, shape [N, 2]
+
+    def weights(self, u: Floats) -> Floats:
+        """Return the weights of the normals at `ends` in the offsets of nodes at u [N], shape [N, 2] [m]."""
+        share = self.shares(u)
+        return np.column_stack([1.0 - share, share]) * self.height[self.ends]
+
+    def shares(self, u: Floats) -> Floats:
+        """Return where nodes stand between their `ends`, from 0 to 1, shape [N]."""
+        low, high = self.ends.T
+        span = u[high] - u[low]
+        return np.divide(u - u[low], span, out=np.zeros(len(u)), where=span > 0.0)
+
+    def normals(self, x: Floats) -> Floats:
+        """Return n of the crossings for points at `x` [P, 3], shape [C, 3]."""
+        n = np.zeros((len(self.crossings), 3))
+        _normals(self.crossings, self.point_nodes, self.side, self.before, self.after, self.node_point, x, n)
+        return n
+
+
+@dataclass(frozen=True)
 class CentreLines:
-    """Where the centre lines of yarns are while normals and the order of nodes stay as they are."""
+    """Where the centre lines of yarns are while the order of nodes stays as it is."""
 
     place: Ints  # row of `through` in which each node's centre is, shape [N]
     point: Ints  # of each node, shape [N]
-    offset: Floats | None  # from the point to the centre [m], shape [N, 3]; None where no yarn has crimp
+    offsets: Offsets | None  # from the points to the centres; None where no yarn has crimp
 
-    def through(self, x: Floats) -> Floats:
-        """Return the centres for points at `x` [P, 3]: one for each node [N, 3], or x itself where no yarn has crimp."""
-        return x if self.offset is None else x[self.point] + self.offset
+    def through(self, x: Floats, u: Floats) -> Floats:
+        """Return the centres for x [P, 3] and u [N]: one for each node [N, 3], or x itself where no yarn has crimp."""
+        if (o := self.offsets) is None:
+            return x
+        return x[self.point] + np.einsum("ns,nsk->nk", o.weights(u), o.normals(x)[o.source])
 
 
 def centre_lines(model: YarnModel, state: YarnState, chain: "Chain") -> CentreLines:
-    """Return the centre lines with the normals of the present state, whose EoL nodes are those of `chain`."""
+    """Return the centre lines for the state's order of nodes, whose EoL nodes are those of `chain`."""
     if not model.height.any():
         return CentreLines(model.node_point, model.node_point, None)
-    offset = np.zeros((model.node_count, 3))
-    _offset_crossings(model.point_nodes, model.height, model.side, state.active, chain.before, chain.after,
-                      model.node_point, state.x, state.u, offset)
-    _offset_between(model.node_start, model.height, state.order, state.active, model.node_point, state.u, offset)
-    return CentreLines(np.arange(model.node_count), model.node_point, offset)
+    crossings = np.flatnonzero(state.active & (model.height[model.point_nodes[:, 0]] != 0.0))
+    number = np.zeros(model.point_count, np.int64)
+    number[crossings] = np.arange(len(crossings))
+    ends = np.column_stack([np.arange(model.node_count)] * 2)
+    _stand_between(model.node_start, model.height, state.order, state.active, model.node_point, ends)
+    offsets = Offsets(crossings, model.point_nodes, model.side, chain.before, chain.after, model.node_point, model.height, ends,
+                      number[model.node_point[ends]])
+    return CentreLines(np.arange(model.node_count), model.node_point, offsets)
 
 
 def crimped_coordinates(model: YarnModel, state: YarnState, chain: "Chain") -> Floats:
@@ -60,7 +95,7 @@ def crimped_coordinates(model: YarnModel, state: YarnState, chain: "Chain") -> F
     So a weave laid out flat and free of tension becomes one of longer yarns, crimped and free of tension.
     """
     lines, u = centre_lines(model, state, chain), state.u.copy()
-    centre = lines.through(state.x)[lines.place]
+    centre = lines.through(state.x, state.u)[lines.place]
     flat = state.x[model.node_point]
     for first, last in zip(model.node_start[:-1], model.node_start[1:], strict=True):
         nodes = state.order[first:last]
@@ -71,21 +106,16 @@ def crimped_coordinates(model: YarnModel, state: YarnState, chain: "Chain") -> F
 
 
 @njit(cache=True)
-def _offset_crossings(point_nodes, height, side, active, before, after, node_point, x, u, offset):
-    t0, t1, n = np.empty(3), np.empty(3), np.empty(3)
-    for p in range(len(point_nodes)):
-        i, j = point_nodes[p]
-        if not active[p] or height[i] == 0.0:
-            continue
-        normal(i, j, side[p], before, after, node_point, x, u, t0, t1, n)
-        for k in range(3):
-            offset[i, k] = height[i] * n[k]
-            offset[j, k] = height[j] * n[k]
+def _normals(crossings, point_nodes, side, before, after, node_point, x, normals):
+    t0, t1 = np.empty(3), np.empty(3)
+    for c in range(len(crossings)):
+        i, j = point_nodes[crossings[c]]
+        normal(i, j, side[crossings[c]], before, after, node_point, x, x[:, 0], t0, t1, normals[c])
 
 
 @njit(cache=True)
-def _offset_between(node_start, height, order, active, node_point, u, offset):
-    """Interpolate the offset of active nodes between crossings, and between these and the ends of the yarn."""
+def _stand_between(node_start, height, order, active, node_point, ends):
+    """Say of active nodes between crossings, and between these and the ends of the yarn, which two of them they are between."""
     for y in range(len(node_start) - 1):
         known = -1  # place in `order` of the last node whose offset is known
         last = node_start[y + 1] - 1
@@ -96,11 +126,6 @@ def _offset_between(node_start, height, order, active, node_point, u, offset):
             if not active[node_point[i]] or (known >= 0 and e < last and height[i] == 0.0):
                 continue
             if known >= 0:
-                a = order[known]
-                span = u[i] - u[a]
                 for f in range(known + 1, e):
-                    m = order[f]
-                    share = (u[m] - u[a]) / span if span > 0.0 else 0.0
-                    for k in range(3):
-                        offset[m, k] = (1.0 - share) * offset[a, k] + share * offset[i, k]
+                    ends[order[f], 0], ends[order[f], 1] = order[known], i
             known = e

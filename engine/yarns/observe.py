@@ -3,7 +3,7 @@
 import numpy as np
 
 from engine.arrays import Floats
-from engine.yarns import bending, shear, stretch
+from engine.yarns import bending, shear, stretch, weave_set
 from engine.yarns.crimp import centre_lines
 from engine.yarns.model import NodeState, PointKind, YarnModel, YarnState
 from engine.yarns.topology import Chain, chain_of
@@ -69,7 +69,7 @@ def strain(model: YarnModel, state: YarnState) -> Floats:
     i, j = chain.node[:-1], chain.node[1:]
     joined = np.flatnonzero(model.node_yarn[i] == model.node_yarn[j])
     lines = centre_lines(model, state, chain)
-    centre = lines.through(state.x)
+    centre = lines.through(state.x, state.u)
     edge = centre[lines.place[j[joined]]] - centre[lines.place[i[joined]]]
     value = np.linalg.norm(edge, axis=1) / (state.u[j[joined]] - state.u[i[joined]]) - 1.0
     for end in (joined, joined + 1):
@@ -105,11 +105,16 @@ def energies(model: YarnModel, state: YarnState, gravity: Floats) -> dict[str, f
     unused = np.zeros((model.node_count, 4))
     elastic = 0.0
     lines = centre_lines(model, state, chain)
-    centre = lines.through(state.x)
+    centre = lines.through(state.x, state.u)
     for y, nodes in enumerate(np.split(chain.node, chain.start[1:-1])):
         elastic += stretch.add_gradient(nodes, lines.place, model.stretch_stiffness[y], 0.0, 1.0, centre, state.u,
                                         centre, state.u, unused)
         elastic += bending.add_gradient(nodes, lines.place, model.bending_stiffness[y], centre, state.u, unused)
+    if lines.offsets is not None:
+        normals = lines.offsets.normals(state.x)
+        elastic += weave_set.add_gradient(
+            weave_set.set_nodes(model, chain), chain.before, chain.after, model.node_yarn, model.bending_stiffness,
+            model.set_angle, lines.offsets.source, normals, centre, state.u, unused, np.zeros_like(normals))
     elastic += shear.add_gradient(shear.sheared(model, state), model.point_nodes, state.eil, chain.before, chain.after,
                                   model.node_point, shear.stiffness(model), shear.free_angle(model), state.x, unused)
     return dict(kinetic=float(kinetic), potential=float(elastic + weight))

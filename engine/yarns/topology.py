@@ -66,7 +66,7 @@ def kinks(model: YarnModel, state: YarnState, chain: Chain) -> Floats:
     span = state.u[after] - state.u[before]
     share = np.divide(state.u[inner] - state.u[before], span, out=np.zeros(len(inner)), where=span > 0.0)[:, None]
     lines = centre_lines(model, state, chain)
-    centre, at = lines.through(state.x), lines.place
+    centre, at = lines.through(state.x, state.u), lines.place
     between = (1.0 - share) * centre[at[before]] + share * centre[at[after]]
     kink = np.zeros(model.node_count)
     kink[inner] = np.linalg.norm(centre[at[inner]] - between, axis=1)

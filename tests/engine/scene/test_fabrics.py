@@ -183,6 +183,20 @@ def test_seams_and_contacts_leave_points_between_crossings_as_they_are():
     assert resting.any(), "contacts that are close to them push them aside"
 
 
+@pytest.mark.parametrize("segments", [1, 2])
+def test_crimp_raises_centre_lines_and_lengthens_yarns(segments):
+    patch = cloth(warps=4, wefts=4, spacing=0.01, segments_per_crossing=segments)
+    flat, bent, pressed = (built(fabrics=[patch | {"crimp": crimp}]).yarns for crimp in ("flat", "set", "free"))
+    crossing = (flat.point_kind == PointKind.CROSSING)[flat.node_point]
+    assert not flat.height.any() and not flat.set_angle.any() and not pressed.set_angle.any()
+    for model in (bent, pressed):
+        np.testing.assert_allclose(np.abs(model.height), np.where(crossing, model.radius[model.node_yarn], 0.0))
+        assert (model.length > flat.length).all()
+    assert (bent.set_angle[crossing] != 0.0).all() and not bent.set_angle[~crossing].any()
+    given_shape = built(fabrics=[cloth(crimp="set", kinematic=True)]).yarns
+    assert not given_shape.height.any()
+
+
 @pytest.mark.parametrize("segments", [0, 9, 1.5])
 def test_numbers_of_segments_out_of_bounds_are_named(segments):
     with pytest.raises(SceneError, match=r"fabrics\[0\].segments_per_crossing"):

@@ -197,6 +197,12 @@ WRONG = {
     "unknown handle of an obstacle": (
         with_cloth() | {"obstacles": [{"shape": "plane", "handle": "lift"}]}, "obstacles[0].handle",
         'there is no handle "lift"', "none"),
+    "crimp in a stack": (
+        scene_of(fabrics=[cloth("a", crimp="set"), cloth("b")], contacts=[{"lower": "a", "upper": "b"}]),
+        "fabrics[0].crimp", "is set in a fabric in contact with another", "flat"),
+    "crimp over edges": (
+        with_cloth(crimp="free") | {"obstacles": [{"shape": "box", "size": [1, 1, 1], "edges": True}]},
+        "fabrics[0].crimp", "is free in a scene with edges that yarns slide over", "flat"),
     "edges that are carried": (
         with_cloth() | {"obstacles": [{"shape": "box", "size": [1, 1, 1], "edges": True, "handle": "lift"}],
                         "script": {"handles": [{"name": "lift", "keyframes": [{"time": 0, "offset": [0, 0, 0]}]}]}},

@@ -183,7 +183,8 @@ def _add_weaves(yarns, material, near, spacing=1.0, pinned=True, crimp=False):
                 if a > b or (a == b and (i + j) % 2):
                     below_u_above_v = below_u_above_v[2:] + below_u_above_v[:2]
                 kind = PointKind.CROSSING if a == b else PointKind.CONTACT
-                yarns.crossing(*below_u_above_v, [x, y, 0.0], UP, friction=0.3, kind=kind, crimp=crimp and a == b)
+                yarns.crossing(*below_u_above_v, [x, y, 0.0], UP, friction=0.3, kind=kind, crimp=crimp and a == b,
+                               set_as_woven=a == 0)
 
 
 def _add_rods(yarns, material):

@@ -14,9 +14,11 @@ from engine.geometry.solids import distance_to
 from engine.linalg.block_matrix import BLOCK
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.layout import Layout
+from engine.yarns import turning, weave_set
+from engine.yarns.constraints import gather
 from engine.yarns.topology import Chain
 from tests.engine.linalg.dense import dense
-from tests.engine.yarns.stacks import positions_of
+from tests.engine.yarns.stacks import places, positions_of, unknowns
 
 NONE = np.zeros(0, np.int64)
 
@@ -29,7 +31,6 @@ class Term:
     silence: Callable[[IncrementalPotential], None]  # takes the energy out of a potential
     left_out: Callable[[IncrementalPotential, Floats, Floats, Floats], None] | None = None  # adds to the full matrix
     internal: bool = False  # exerts no force on the yarns as a whole
-    on_centre_lines: bool = False  # acts where yarns with crimp have their centres, not at points
 
 
 def unconstrained(potential: IncrementalPotential) -> IncrementalPotential:
@@ -130,20 +131,83 @@ def change_of_mass(p, x, u, full):
         full[np.ix_(*[positions_of(m, i, j)] * 2)] += mixed + mixed.T
 
 
+def turning_of_normals(p, x, u, full):
+    """What forces on centre lines do in the second derivatives of the normals that these are offset by."""
+    if p.offsets is not None:
+        p.gradient(x, u)
+        forces = p.on_centres - of_the_set(p, x, u)[0], p.on_normals - of_the_set(p, x, u)[1]
+        full += derivatives(lambda x, u: couples(p, x, u, *forces), p.model, x, u)
+
+
+def all_of_the_set(p, x, u, full):
+    """Crimp that is set has no Hessian."""
+    if p.offsets is not None:
+        def gradient(x, u):
+            on_centres, on_normals = of_the_set(p, x, u)
+            total = couples(p, x, u, on_centres, on_normals)
+            gather(p.model.node_point, p.model.node_slot, on_centres, total)
+            return total
+        full += derivatives(gradient, p.model, x, u)
+
+
+def of_the_set(p, x, u):
+    """The forces of crimp that is set on centre lines and on normals."""
+    m, c = p.model, p.chain
+    normals = p.offsets.normals(x)
+    on_centres, on_normals = np.zeros((m.node_count, 4)), np.zeros_like(normals)
+    weave_set.add_gradient(p.set_nodes, c.before, c.after, m.node_yarn, m.bending_stiffness, m.set_angle, p.offsets.source,
+                           normals, p.centre_lines.through(x, u), u, on_centres, on_normals)
+    return on_centres, on_normals
+
+
+def couples(p, x, u, on_centres, on_normals):
+    """What forces on centres and normals do to points by turning normals, shape [P, 5]."""
+    gradient = np.zeros((len(x), BLOCK))
+    turning.add_couples(p.offsets, p.model.node_slot, x, u, on_centres, on_normals, gradient)
+    return gradient
+
+
+def derivatives(of, model, x, u, step=1e-5):
+    """Central differences of `of(x, u)` [P, 5] in all unknowns, shape [5 P, 5 P]."""
+    q = unknowns(model, x, u)
+    columns = []
+    for e in step * np.eye(q.size):
+        e = e.reshape(q.shape)
+        columns.append((of(*places(model, q + e)) - of(*places(model, q - e))).ravel() / (2.0 * step))
+    return np.array(columns).T
+
+
+def left_out_of_bending(p, x, u, full):
+    """Buckling across the plane of a bend, and what is left out of crimp."""
+    m, c = p.model, p.chain
+    of_nodes = np.zeros((4 * m.node_count,) * 2)
+    buckling_across(p, x, u, of_nodes)
+    at = np.concatenate([4 * n + np.arange(4) for n in c.node])
+    if p.offsets is None:
+        unknown = np.concatenate([positions_of(m, n) for n in c.node])
+        np.add.at(full, tuple(np.ix_(unknown, unknown)), of_nodes[np.ix_(at, at)])
+    else:
+        j = turning.jacobian(p.offsets, c, m.node_slot, x, u).toarray()
+        full += j.T @ of_nodes[np.ix_(at, at)] @ j
+    turning_of_normals(p, x, u, full)
+    all_of_the_set(p, x, u, full)
+
+
 def buckling_across(p, x, u, full):
-    """Tilts of both segments of a bend across its plane, the same way: - F (1 - cos theta) (alpha + beta)^2 / 4."""
+    """Tilts of both segments of a bend across its plane, the same way: - F (1 - cos theta) (alpha + beta)^2 / 4; by nodes."""
     m, c = p.model, p.chain
     for i in c.node:
         a, b = c.before[i], c.after[i]
         if a < 0 or b < 0:
             continue
-        xa, xi, xb = p.centre_lines.through(x)[p.centre_lines.place[[a, i, b]]]
+        xa, xi, xb = p.centre_lines.through(x, u)[p.centre_lines.place[[a, i, b]]]
         la, lb = np.linalg.norm(xi - xa), np.linalg.norm(xb - xi)
         cross = np.cross((xi - xa) / la, (xb - xi) / lb)
         cosine, sine = (xi - xa) @ (xb - xi) / (la * lb), np.linalg.norm(cross)
         f = 2.0 * m.bending_stiffness[m.node_yarn[i]] * np.arctan2(sine, cosine) / (sine * (u[b] - u[a]))
         tilt = np.kron([-1.0 / la, 1.0 / la - 1.0 / lb, 1.0 / lb], np.append(cross / sine, 0.0))  # alpha + beta
-        full[np.ix_(*[positions_of(m, a, i, b)] * 2)] -= 0.5 * f * (1.0 - cosine) * np.outer(tilt, tilt)
+        at = np.concatenate([4 * n + np.arange(4) for n in (a, i, b)])
+        full[np.ix_(at, at)] -= 0.5 * f * (1.0 - cosine) * np.outer(tilt, tilt)
 
 
 def curvature_of_obstacles(p, x, u, full):
@@ -170,8 +234,8 @@ def segments(chain: Chain) -> Iterator[tuple[int, int]]:
 
 TERMS = [
     Term("inertia", without_mass, left_out=change_of_mass),
-    Term("stretch", without_stretch, internal=True, on_centre_lines=True),
-    Term("bending", without_bending, left_out=buckling_across, internal=True, on_centre_lines=True),
+    Term("stretch", without_stretch, left_out=turning_of_normals, internal=True),
+    Term("bending", without_bending, left_out=left_out_of_bending, internal=True),
     Term("shear", without_shear, internal=True),
     Term("parallel contact", without_parallel_contact, internal=True),
     Term("contact", without_contact, internal=True),

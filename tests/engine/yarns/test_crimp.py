@@ -8,17 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from engine.steppers.yarns import YarnStepper
 from engine.yarns import observe
 from engine.yarns.assembly import YarnAssembly
 from engine.yarns.crimp import centre_lines
+from engine.yarns.handles import no_handles
 from engine.yarns.model import PointKind
-from tests.engine.yarns.stacks import MATERIAL, UP, random_stack
+from engine.yarns.settings import YarnSettings
+from tests.engine.yarns.stacks import MATERIAL, NO_OBSTACLES, UP, random_stack
 
 TURNS = st.tuples(*[st.floats(-np.pi, np.pi)] * 3).map(Rotation.from_rotvec)
 YARNS = 3  # of each family
 
 
-def plain_weave(radii=(0.1, 0.2), spacings=(1.0, 0.8), turn=None, crimp=True, slack=1.0):
+def plain_weave(radii=(0.1, 0.2), spacings=(1.0, 0.8), turn=None, crimp=True, slack=1.0, set_as_woven=False):
     """A plain weave in the plane across `turn` of UP, the ends half a spacing behind the crossings.
 
     `spacings` are those of the crossings along warps and wefts, `radii` those of warps and wefts; `slack` is the length of
@@ -33,7 +36,8 @@ def plain_weave(radii=(0.1, 0.2), spacings=(1.0, 0.8), turn=None, crimp=True, sl
             below, above = (families[0][i], slack * at[0][j]), (families[1][j], slack * at[1][i])
             if (i + j) % 2:
                 below, above = above, below
-            yarns.crossing(*below, *above, turn.apply([at[1][i], at[0][j], 0.0]), turn.apply(UP), crimp=crimp)
+            yarns.crossing(*below, *above, turn.apply([at[1][i], at[0][j], 0.0]), turn.apply(UP), crimp=crimp,
+                           set_as_woven=set_as_woven)
     for k in range(YARNS):
         for end in (0.0, 1.0):
             warp, weft = (end * YARNS * spacing for spacing in spacings)
@@ -45,7 +49,7 @@ def plain_weave(radii=(0.1, 0.2), spacings=(1.0, 0.8), turn=None, crimp=True, sl
 def centres(model, state):
     """Where the centre of every node is, shape [N, 3]."""
     lines = centre_lines(model, state, observe.chain_now(model, state))
-    return lines.through(state.x)[lines.place]
+    return lines.through(state.x, state.u)[lines.place]
 
 
 @settings(deadline=None, max_examples=20)
@@ -104,7 +108,38 @@ def test_contacts_slide_on_straight_segments_of_the_centre_line():
 def test_without_crimp_centre_lines_are_the_points_themselves():
     stack = random_stack(0)
     lines = centre_lines(stack.model, stack.state, stack.chain)
-    assert lines.through(stack.state.x) is stack.state.x and lines.place is stack.model.node_point
+    assert lines.through(stack.state.x, stack.state.u) is stack.state.x and lines.place is stack.model.node_point
+
+
+@settings(deadline=None, max_examples=20)
+@given(turn=TURNS, shift=st.tuples(*[st.floats(-1.0, 1.0)] * 3), radii=st.tuples(*[st.floats(0.01, 0.3)] * 2))
+def test_a_weave_that_is_set_stores_nothing_wherever_it_is_turned(turn, shift, radii):
+    model, state = plain_weave(radii, turn=None, set_as_woven=True)
+    state.x[:] = turn.apply(state.x) + shift
+    energy = observe.energies(model, state, np.zeros(3))
+    assert energy["potential"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_weave_that_is_set_stays_as_it_is_without_loads():
+    model, state = plain_weave(set_as_woven=True)
+    start = state.copy()
+    stepper = YarnStepper(model, YarnSettings(), np.zeros(3), NO_OBSTACLES, no_handles())
+    for n in range(5):
+        assert stepper.step(state, 0.1 * n, 0.1).accepted
+    np.testing.assert_allclose(state.x, start.x, atol=1e-9)
+    np.testing.assert_allclose(state.u, start.u, atol=1e-9)
+
+
+def test_a_weave_that_is_set_springs_back():
+    """Bent as a whole it stores energy, and of its bending only: less than one that was pressed into the weave loses."""
+    model, state = plain_weave(set_as_woven=True)
+    bent = state.copy()
+    bent.x[:, 2] += 0.1 * (state.x[:, 0] - 1.0) ** 2
+    stored = observe.energies(model, bent, np.zeros(3))["potential"]
+    flat_model, flat = plain_weave(crimp=False)
+    flat.x[:, 2] += 0.1 * (flat.x[:, 0] - 1.0) ** 2
+    assert stored > 0.0
+    assert stored == pytest.approx(observe.energies(flat_model, flat, np.zeros(3))["potential"], rel=0.5)
 
 
 def test_crimp_stores_bending_and_presses_before_the_first_step():
