@@ -71,7 +71,7 @@ def _add_crossings(
         patch.warps.at(warp, u), patch.normal, fabric.friction,
         # nothing slides in a patch whose shape is given
         PointKind.STITCH if fabric.kinematic else PointKind.CROSSING, pinned, handle,
-        crimp=fabric.crimp != "flat" and not fabric.kinematic, set_as_woven=fabric.crimp == "set",
+        crimp=fabric.crimp != "flat", set_as_woven=fabric.crimp == "set",
     )
 
 

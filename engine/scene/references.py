@@ -194,12 +194,16 @@ def _stacks(scene: Scene) -> Iterator[Problem]:
 
 
 def _crimp(scene: Scene) -> Iterator[Problem]:
-    """Fabrics whose yarns have a thickness at run time slide on nothing that has nodes of its own on them."""
+    """Fabrics with crimp are whole rectangles that move, away from what has nodes of its own on their yarns."""
     stacked = {name for contact in scene.contacts for name in (contact.lower, contact.upper)}
     edges = any(isinstance(box, Box) and box.edges for box in scene.obstacles)
     for i, fabric in enumerate(scene.fabrics):
-        if fabric.crimp != "flat" and (edges or fabric.name in stacked):
-            where = "a scene with edges that yarns slide over" if edges else "a fabric in contact with another"
+        reasons = {
+            "a scene with edges that yarns slide over": edges, "a fabric in contact with another": fabric.name in stacked,
+            "a fabric with an outline": fabric.outline is not None, "a kinematic fabric": fabric.kinematic,
+        }
+        if fabric.crimp != "flat" and any(reasons.values()):
+            where = next(reason for reason, holds in reasons.items() if holds)
             yield Problem(f"fabrics[{i}].crimp", f"is {fabric.crimp} in {where}", "flat")
 
 

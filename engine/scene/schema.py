@@ -197,7 +197,8 @@ class Fabric(Part):
     crimp: Literal["flat", "set", "free"] = "flat"
     """Where centre lines pass that stretch and bend: through the point at which two yarns touch (`flat`), or at their radii
     from it, bent without force as they are woven (`set`), or pressed into the weave (`free`), which then spreads. The
-    latter two cost several times as much, and are for fabrics without `contacts` and away from boxes with `edges`."""
+    latter two cost several times as much, and are for fabrics without `contacts` and `outline` in scenes
+    without `edges` of boxes. Yarns that are `set` press and rub on each other only as loads make them."""
     kinematic: bool = False
     """The patch is rigid and stays where it is."""
     pins: Literal["none", "corners", "edges"] = "none"

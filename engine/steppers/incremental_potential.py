@@ -177,8 +177,8 @@ class IncrementalPotential:
             m.bending_stiffness, self.h, self.u0, self.prediction, self.corner_force, x, u, lines.place, self.centre0, centre,
             self.on_centres)
         energy += weave_set.add_gradient(
-            self.set_nodes, c.before, c.after, m.node_yarn, m.bending_stiffness, m.set_angle, self.offsets.source, normals,
-            centre, u, self.on_centres, self.on_normals)
+            self.set_nodes, c.before, c.after, m.node_yarn, m.bending_stiffness, m.set_angle, m.set_rise, self.offsets.source,
+            normals, centre, u, self.on_centres, self.on_normals)
         g += self.on_centres
         return energy
 

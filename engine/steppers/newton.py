@@ -12,7 +12,7 @@ from engine.arrays import Floats, Ints
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.line_search import line_search
 from engine.steppers.newton_system import NewtonSystem
-from engine.steppers.piece import piece_of, points_around
+from engine.steppers.piece import Piece, piece_of, points_around
 from engine.steppers.step_report import Stopwatch
 
 Iterate = tuple[Floats, Floats, float, Floats]  # x [P, 3], u [N], energy and gradient [P, 5]
@@ -29,18 +29,25 @@ MARGIN = 0.3  # of the goal, for what a piece does to what is around it
 def newton(potential: IncrementalPotential, system: NewtonSystem, at: Iterate, goal: float) -> tuple[Iterate | None, int]:
     """Return the next iterate, None if there is no descent, and how many iterations of conjugate gradients it took.
 
-    It ends where no component of the gradient is larger than `goal` [N].
+    It ends where no component of the gradient is larger than `goal` [N]. Where the true Hessian leads nowhere, as close to
+    points at which the energy is not smooth, the positive form does everywhere.
     """
-    at = settle_pieces(potential, system, at, goal)
+    start, at = at, settle_pieces(potential, system, at, goal)
     x, u, energy, gradient = at
     if np.abs(gradient).max() <= goal:
         return at, 0
-    direction, iterations = system.direction(x, u, gradient, goal)
-    found = line_search(potential, x, u, energy, gradient, direction, further=bool(system.convex.any()))
+    total, found = 0, None
+    for convex in (False, True):
+        if found is None and not (convex and system.convex.all()):
+            direction, iterations = system.direction(x, u, gradient, goal, convex)
+            total += iterations
+            found = line_search(potential, x, u, energy, gradient, direction, further=bool(system.convex.any()))
+            system.watch.lap("line_search")
     if found is not None:
         potential.update_pull(x, u, direction)
-    system.watch.lap("line_search")
-    return found, iterations
+    elif at is not start:
+        found = at
+    return found, total
 
 
 def settle_pieces(potential: IncrementalPotential, system: NewtonSystem, at: Iterate, goal: float) -> Iterate:
@@ -50,14 +57,15 @@ def settle_pieces(potential: IncrementalPotential, system: NewtonSystem, at: Ite
         return at
     while system.layout.matrix.rows >= FEWEST_ROWS:
         residual = np.abs(at[3]).max(axis=1)
-        if not goal < residual.max() <= 0.5 * worst:
+        if not (goal < residual.max() <= 0.5 * worst and np.isfinite(residual.max())):
             break
         worst = residual.max()
         seeds = worst_points(residual, goal, system)
         if len(seeds) == 0:
             break
-        outside = np.delete(residual, seeds).max()
-        at = settle(potential, system, at, seeds, max(MARGIN * goal, LESS * outside))
+        piece = piece_of(potential, points_around(seeds, RINGS, system.layout))
+        outside = np.delete(residual, piece.moving).max(initial=0.0)
+        at = settle(potential, system, at, piece, max(MARGIN * goal, LESS * outside))
         if outside > goal:
             break
     system.watch.lap("pieces")
@@ -73,9 +81,8 @@ def worst_points(residual: Floats, goal: float, system: NewtonSystem) -> Ints:
     return worst[:count]
 
 
-def settle(potential: IncrementalPotential, system: NewtonSystem, at: Iterate, seeds: Ints, goal: float) -> Iterate:
-    """Return the iterate with the piece around `seeds` [n] settled, as far as it goes."""
-    piece = piece_of(potential, points_around(seeds, RINGS, system.layout))
+def settle(potential: IncrementalPotential, system: NewtonSystem, at: Iterate, piece: Piece, goal: float) -> Iterate:
+    """Return the iterate with a piece settled, as far as it goes."""
     own = NewtonSystem(piece.potential, system.settings, Stopwatch(), system)
     x, u = at[0].copy(), at[1].copy()
     own_x, own_u = x[piece.points], u[piece.nodes]

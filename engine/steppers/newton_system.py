@@ -64,16 +64,18 @@ class NewtonSystem:
         """Say that the Hessian has changed too much for the factor that there is."""
         self.usable = None
 
-    def direction(self, x: Floats, u: Floats, gradient: Floats, goal: float) -> tuple[Floats, int]:
+    def direction(
+        self, x: Floats, u: Floats, gradient: Floats, goal: float, convex: bool = False
+    ) -> tuple[Floats, int]:
         """Return the Newton direction [P, 5] and the conjugate-gradient iterations it took.
 
         It solves H d = -g with the true Hessian or, where that is found indefinite, with its positive form, and no further
         than Newton's `goal` [N] for the largest component of g asks for. Few places have negative curvature as a rule, and
         elsewhere the positive form would slow Newton down: so it is taken around those that conjugate gradients find, and
-        everywhere if they go on or factors break down.
+        everywhere if they go on or factors break down, or if `convex` asks for it.
         """
         total, places = 0, 0
-        self.convex[:] = False
+        self.convex[:] = convex
         while True:
             descends, negative = False, None
             if self.potential.hessian(x, u, self.convex, self.layout):

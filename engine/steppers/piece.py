@@ -38,7 +38,18 @@ class Piece:
     def put_back(self, own_x: Floats, own_u: Floats, x: Floats, u: Floats, whole: IncrementalPotential) -> None:
         """Write the piece's x [p, 3] and u [n] to x [P, 3] and u [N], and what it learnt of friction, to the `whole`."""
         x[self.points], u[self.nodes] = own_x, own_u
-        whole.pull[self.points], whole.obstacle_pull[self.points] = self.potential.pull, self.potential.obstacle_pull
+        whole.pull[self.moving] = self.potential.pull[self.moves]
+        whole.obstacle_pull[self.moving] = self.potential.obstacle_pull[self.moves]
+
+    @property
+    def moves(self) -> Flags:
+        """Which of its points have something that may move, shape [p]."""
+        return np.asarray(self.potential.projector.any(axis=(1, 2)))
+
+    @property
+    def moving(self) -> Ints:
+        """Which points of the whole they are."""
+        return self.points[self.moves]
 
 
 def points_around(seeds: Ints, rings: int, layout: Layout) -> Flags:
@@ -60,10 +71,12 @@ def points_around(seeds: Ints, rings: int, layout: Layout) -> Flags:
 
 
 def piece_of(whole: IncrementalPotential, free: Flags) -> Piece:
-    """Return the terms that touch `free` points [P], which alone may move, of yarns without crimp.
+    """Return the terms that touch `free` points [P], which alone may move.
 
-    The u of a contact with two EIL nodes meet nothing but the contact's own term, and are free where that is there.
+    Yarns have no crimp: normals reach from piece to piece. The u of a contact with two EIL nodes meet nothing but the
+    contact's own term, and are free where that is there.
     """
+    assert whole.offsets is None
     m, s = whole.model, whole.state
     split, sheared, pair = (free[members].any(axis=1) for members in (
         whole.split_members, whole.sheared_members, m.node_point[whole.parallel_pair]))
@@ -97,7 +110,7 @@ def piece_of(whole: IncrementalPotential, free: Flags) -> Piece:
         own.colliding = replace(pairs, point=point_number[pairs.point[colliding]], weight=pairs.weight[colliding],
                                 rest=pairs.rest[colliding], stiffness=pairs.stiffness[colliding])
     own.centre_lines, own.centre0 = CentreLines(own.model.node_point, own.model.node_point, None), own.x0
-    own.set_nodes = np.zeros(0, np.int64)
+    own.parts = own.sheared_parts = np.zeros(1, np.int64)
     still = ~free[points]
     own.projector = whole.projector[points]
     own.projector[still] = 0.0

@@ -127,8 +127,9 @@ class YarnStepper:
         du[potential.sliding] = h * start.u_rate[potential.sliding]
         further = x + h * np.einsum("pij,pj->pi", potential.projector[:, :3, :3], start.x_rate)
         slid = u + longest_update(potential.chain, u, du) * du
-        guesses = [(*q, *potential.gradient(*q)) for q in ((further, slid), (x, u))]
-        return min(guesses, key=lambda guess: guess[2])
+        on, still = ((*q, *potential.gradient(*q)) for q in ((further, slid), (x, u)))
+        # anew, for what the potential keeps of it
+        return still if still[2] <= on[2] else (*on[:2], *potential.gradient(*on[:2]))
 
     def measure(
         self, report: StepReport, potential: IncrementalPotential, gradient: Floats, x: Floats, u: Floats
@@ -208,7 +209,7 @@ class YarnStepper:
             self.write_normal_forces(doubtful, potential, resistance, x, u, lacking)
             lacking = np.abs(lacking)
             doubtful &= (lacking > least) & (np.abs(force + threshold) <= lacking) & (lacking <= 0.5 * lacked)
-            lacked[:] = lacking
+            lacked[:] = np.where(lacking > least, lacking, np.inf)
         return doubtful
 
     def write_normal_forces(

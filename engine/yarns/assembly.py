@@ -164,6 +164,7 @@ class YarnAssembly:
             point_kind=point["kind"].astype(np.int64),
             point_nodes=point_nodes,
             set_angle=np.zeros(len(u)),
+            set_rise=np.zeros((len(u), 2)),
             side=_sides(point["up"], point_nodes, self._tangents(x[node_point], u, point["active"][node_point], node_start)),
             friction=point["friction"],
             free_directions=point["free_directions"],
@@ -191,8 +192,9 @@ class YarnAssembly:
             chain = chain_of(model, state.order, state.eil, state.active)
             state.u = crimped_coordinates(model, state, chain)
             last = node_start[1:] - 1
-            set_angle = bends(model, state, chain, centre_lines(model, state, chain)) * point["set_as_woven"][node_point]
-            model = replace(model, length=model.length + state.u[last] - u[last], set_angle=set_angle)
+            angle, rise = bends(model, state, chain, centre_lines(model, state, chain))
+            model = replace(model, length=model.length + state.u[last] - u[last], set_rise=rise,
+                            set_angle=angle * point["set_as_woven"][node_point])
             state.anchor = state.u.copy()
         assign(model, state, YarnSettings.safety_distance, 0.0)
         state.normal_force = normal_force.at_rest(model, state, chain_of(model, state.order, state.eil, state.active))

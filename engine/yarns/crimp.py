@@ -10,7 +10,7 @@ n turns with the cloth: it is a function of x, of the directions in which both y
 points around too (`engine.yarns.turning`), and a piece of cloth that turns as a whole stores nothing.
 
 Between crossings the offset is interpolated along the yarn by u, so that contacts with other fabrics slide on straight
-segments of it. It is zero at ends: half a spacing behind its last crossing, a yarn is in its middle plane. Inertia, weight,
+segments of it. It is zero at ends, in the middle plane of the fabric. Inertia, weight,
 shear and contact with anything else see x.
 """
 
@@ -77,9 +77,9 @@ class CentreLines:
 
 def centre_lines(model: YarnModel, state: YarnState, chain: "Chain") -> CentreLines:
     """Return the centre lines for the state's order of nodes, whose EoL nodes are those of `chain`."""
-    if not model.height.any():
-        return CentreLines(model.node_point, model.node_point, None)
     crossings = np.flatnonzero(state.active & (model.height[model.point_nodes[:, 0]] != 0.0))
+    if len(crossings) == 0:
+        return CentreLines(model.node_point, model.node_point, None)
     number = np.zeros(model.point_count, np.int64)
     number[crossings] = np.arange(len(crossings))
     ends = np.column_stack([np.arange(model.node_count)] * 2)

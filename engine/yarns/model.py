@@ -44,7 +44,7 @@ class YarnModel:
     OF_YARNS: ClassVar = ("fabric", "length", "rest_segment", "crossing_spacing", "density", "radius", "stretch_stiffness",
                           "bending_stiffness", "shear_stiffness", "mass_damping", "stretch_damping", "kinematic",
                           "obstacle_distance")
-    OF_NODES: ClassVar = ("node_slot", "u_fixed", "height", "set_angle")
+    OF_NODES: ClassVar = ("node_slot", "u_fixed", "height", "set_angle", "set_rise")
     OF_POINTS: ClassVar = ("point_kind", "side", "friction", "free_directions", "handle", "edge_middle", "edge_half_length")
 
     # yarns
@@ -69,6 +69,7 @@ class YarnModel:
     u_fixed: Flags  # the Eulerian coordinate is no unknown, shape [N]
     height: Floats  # of the centre line above its point, along the normal of a crossing with crimp; else 0 [m], shape [N]
     set_angle: Floats  # that the centre line has at a crossing without force, towards the normal; 0 is straight [rad], shape [N]
+    set_rise: Floats  # parts along the normal of the centre line's directions before and behind, as set, shape [N, 2]
     # points
     point_kind: Ints  # PointKind, shape [P]
     point_nodes: Ints  # its nodes, -1 where there is one only, shape [P, 2]

@@ -114,7 +114,7 @@ def energies(model: YarnModel, state: YarnState, gravity: Floats) -> dict[str, f
         normals = lines.offsets.normals(state.x)
         elastic += weave_set.add_gradient(
             weave_set.set_nodes(model, chain), chain.before, chain.after, model.node_yarn, model.bending_stiffness,
-            model.set_angle, lines.offsets.source, normals, centre, state.u, unused, np.zeros_like(normals))
+            model.set_angle, model.set_rise, lines.offsets.source, normals, centre, state.u, unused, np.zeros_like(normals))
     elastic += shear.add_gradient(shear.sheared(model, state), model.point_nodes, state.eil, chain.before, chain.after,
                                   model.node_point, shear.stiffness(model), shear.free_angle(model), state.x, unused)
     return dict(kinetic=float(kinetic), potential=float(elastic + weight))

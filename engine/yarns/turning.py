@@ -63,20 +63,22 @@ def jacobian(offsets: Offsets, chain: Chain, node_slot: Ints, x: Floats, u: Floa
         columns.append(BLOCK * point + k)
         values.append(np.ones(len(e)))
     for s in range(2):
-        source = offsets.source[chain.node, s]
+        raised = np.flatnonzero(offsets.height[offsets.ends[chain.node, s]] != 0.0)
+        source, of_normal = offsets.source[chain.node[raised], s], weight[chain.node[raised], s]
         for q in range(AROUND):
             for k in range(3):
                 for m in range(3):
-                    rows.append(4 * e + k)
+                    rows.append(4 * raised + k)
                     columns.append(BLOCK * around[source, q] + m)
-                    values.append(weight[chain.node, s] * slope[source, q, k, m])
+                    values.append(of_normal * slope[source, q, k, m])
     nodes, of_u = along(offsets, x, u)
+    between = np.flatnonzero(offsets.ends[chain.node, 0] != offsets.ends[chain.node, 1])
     for q in range(3):
-        n = nodes[chain.node, q]
+        n = nodes[chain.node[between], q]
         for k in range(3):
-            rows.append(4 * e + k)
+            rows.append(4 * between + k)
             columns.append(BLOCK * offsets.node_point[n] + 3 + node_slot[n])
-            values.append(of_u[chain.node, q, k])
+            values.append(of_u[chain.node[between], q, k])
     entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
     return sparse.csr_matrix(entries, shape=(4 * len(e), BLOCK * len(x)))
 
@@ -148,7 +150,7 @@ def _slopes(crossings, point_nodes, side, before, after, node_point, x, around, 
             n[k] = t[0, (k + 1) % 3] * t[1, (k + 2) % 3] - t[0, (k + 2) % 3] * t[1, (k + 1) % 3]
             length += n[k] * n[k]
         length = np.sqrt(length)
-        if not length > 1e-6:  # parallel yarns have no normal
+        if not length > 1e-12:  # parallel yarns have no normal
             continue
         for k in range(3):
             n[k] /= length
@@ -187,15 +189,17 @@ def _tangent_slopes(i, before, after, node_point, x, t, of_neighbours):
             for k in range(3):
                 d[q, k] = x[node_point[b], k] - x[node_point[a], k]
                 square += d[q, k] ** 2
+            if square == 0.0:  # it has no direction, as for the tangent
+                continue
             length[q] = np.sqrt(square)
             for k in range(3):
                 d[q, k] /= length[q]
                 t[k] += d[q, k]
-    total = np.sqrt(t[0] ** 2 + t[1] ** 2 + t[2] ** 2)
+    total = max(np.sqrt(t[0] ** 2 + t[1] ** 2 + t[2] ** 2), 1e-300)
     for k in range(3):
         t[k] /= total
     for q in range(2):
-        if (before[i] if q == 0 else after[i]) < 0:
+        if not d[q].any():
             continue
         sign = (-1.0 if q == 0 else 1.0) / (total * length[q])
         for k in range(3):

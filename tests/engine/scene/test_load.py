@@ -200,6 +200,11 @@ WRONG = {
     "crimp in a stack": (
         scene_of(fabrics=[cloth("a", crimp="set"), cloth("b")], contacts=[{"lower": "a", "upper": "b"}]),
         "fabrics[0].crimp", "is set in a fabric in contact with another", "flat"),
+    "crimp and an outline": (
+        with_cloth(crimp="set", outline=[[-0.01, -0.01], [0.01, -0.01], [0, 0.01]]), "fabrics[0].crimp",
+        "is set in a fabric with an outline", "flat"),
+    "crimp of a rigid patch": (
+        with_cloth(crimp="free", kinematic=True), "fabrics[0].crimp", "is free in a kinematic fabric", "flat"),
     "crimp over edges": (
         with_cloth(crimp="free") | {"obstacles": [{"shape": "box", "size": [1, 1, 1], "edges": True}]},
         "fabrics[0].crimp", "is free in a scene with edges that yarns slide over", "flat"),

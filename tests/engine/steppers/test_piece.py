@@ -20,11 +20,11 @@ from tests.engine.yarns.terms import full_hessian
 
 
 def some_piece(seed, all_condensed=False):
-    """A potential on which every energy occurs, a piece of it around some of its points, and a place."""
+    """A potential on which every energy but crimp occurs, a piece of it around some of its points, and a place."""
     if all_condensed:
-        stack, (x, u) = condensable(seed)
+        stack, (x, u) = condensable(2 * seed)
     else:
-        stack = random_stack(seed % 4)
+        stack = random_stack(2 * (seed % 2))
         x, u = perturbed(stack, seed)
     whole = stack.potential()
     layout = whole.lay_out(np.float64)
@@ -80,9 +80,13 @@ def test_the_friction_that_newton_follows_is_taken_along_and_brought_back(seed):
     here = x[piece.points], u[piece.nodes]
     np.testing.assert_array_equal(piece.potential.pull, whole.pull[piece.points])
     piece.potential.update_pull(*here, np.full((len(piece.points), BLOCK), 0.1))
+    before = whole.pull.copy(), whole.obstacle_pull.copy()
     piece.put_back(*here, x, u, whole)
-    np.testing.assert_array_equal(piece.potential.pull, whole.pull[piece.points])
-    np.testing.assert_array_equal(piece.potential.obstacle_pull, whole.obstacle_pull[piece.points])
+    still = np.setdiff1d(np.arange(len(x)), piece.moving)
+    for own, found, old in zip((piece.potential.pull, piece.potential.obstacle_pull), (whole.pull, whole.obstacle_pull), before,
+                               strict=True):
+        np.testing.assert_array_equal(own[piece.moves], found[piece.moving])
+        np.testing.assert_array_equal(found[still], old[still])
 
 
 @settings(deadline=None, max_examples=20)
@@ -129,7 +133,7 @@ def test_a_piece_settles_what_is_worst_and_leaves_the_rest():
     assert found[2] < at[2]
     assert np.abs(found[3]).max() < 0.1 * np.abs(at[3]).max()
     moved = (found[0] != at[0]).any(axis=1)
-    assert 0 < np.count_nonzero(moved) <= by_pieces.SHARE * len(moved)
+    assert 0 < np.count_nonzero(moved) < 0.5 * len(moved)
     fresh = potential.gradient(*found[:2])
     assert fresh[0] == found[2]
     np.testing.assert_array_equal(fresh[1], found[3])

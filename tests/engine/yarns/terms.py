@@ -155,8 +155,8 @@ def of_the_set(p, x, u):
     m, c = p.model, p.chain
     normals = p.offsets.normals(x)
     on_centres, on_normals = np.zeros((m.node_count, 4)), np.zeros_like(normals)
-    weave_set.add_gradient(p.set_nodes, c.before, c.after, m.node_yarn, m.bending_stiffness, m.set_angle, p.offsets.source,
-                           normals, p.centre_lines.through(x, u), u, on_centres, on_normals)
+    weave_set.add_gradient(p.set_nodes, c.before, c.after, m.node_yarn, m.bending_stiffness, m.set_angle, m.set_rise,
+                           p.offsets.source, normals, p.centre_lines.through(x, u), u, on_centres, on_normals)
     return on_centres, on_normals
 
 

@@ -21,11 +21,12 @@ TURNS = st.tuples(*[st.floats(-np.pi, np.pi)] * 3).map(Rotation.from_rotvec)
 YARNS = 3  # of each family
 
 
-def plain_weave(radii=(0.1, 0.2), spacings=(1.0, 0.8), turn=None, crimp=True, slack=1.0, set_as_woven=False):
+def plain_weave(radii=(0.1, 0.2), spacings=(1.0, 0.8), turn=None, crimp=True, slack=1.0, set_as_woven=False,
+                repeat=2):
     """A plain weave in the plane across `turn` of UP, the ends half a spacing behind the crossings.
 
-    `spacings` are those of the crossings along warps and wefts, `radii` those of warps and wefts; `slack` is the length of
-    yarns over that of their lines.
+    It is a twill where `repeat` is 4. `spacings` are those of the crossings along warps and wefts, `radii` those of warps and
+    wefts; `slack` is the length of yarns over that of their lines.
     """
     yarns, turn = YarnAssembly(), turn or Rotation.identity()
     families = [[yarns.yarn(replace(MATERIAL, radius=radius), slack * YARNS * spacing, spacing, fabric=0) for _ in range(YARNS)]
@@ -34,7 +35,7 @@ def plain_weave(radii=(0.1, 0.2), spacings=(1.0, 0.8), turn=None, crimp=True, sl
     for i in range(YARNS):
         for j in range(YARNS):
             below, above = (families[0][i], slack * at[0][j]), (families[1][j], slack * at[1][i])
-            if (i + j) % 2:
+            if (i + j) % repeat >= repeat // 2:
                 below, above = above, below
             yarns.crossing(*below, *above, turn.apply([at[1][i], at[0][j], 0.0]), turn.apply(UP), crimp=crimp,
                            set_as_woven=set_as_woven)
@@ -112,16 +113,20 @@ def test_without_crimp_centre_lines_are_the_points_themselves():
 
 
 @settings(deadline=None, max_examples=20)
-@given(turn=TURNS, shift=st.tuples(*[st.floats(-1.0, 1.0)] * 3), radii=st.tuples(*[st.floats(0.01, 0.3)] * 2))
-def test_a_weave_that_is_set_stores_nothing_wherever_it_is_turned(turn, shift, radii):
-    model, state = plain_weave(radii, turn=None, set_as_woven=True)
+@given(turn=TURNS, shift=st.tuples(*[st.floats(-1.0, 1.0)] * 3), radii=st.tuples(*[st.floats(0.01, 0.3)] * 2),
+       repeat=st.sampled_from([2, 4]))
+def test_a_weave_that_is_set_stores_nothing_wherever_it_is_turned(turn, shift, radii, repeat):
+    model, state = plain_weave(radii, turn=None, set_as_woven=True, repeat=repeat)
     state.x[:] = turn.apply(state.x) + shift
     energy = observe.energies(model, state, np.zeros(3))
     assert energy["potential"] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_weave_that_is_set_stays_as_it_is_without_loads():
-    model, state = plain_weave(set_as_woven=True)
+@pytest.mark.parametrize("repeat", [2, 4], ids=["plain", "twill"])
+def test_a_weave_that_is_set_stays_as_it_is_without_loads(repeat):
+    """Also where yarns pass neighbours on the same side, and bend on one side of a crossing only."""
+    model, state = plain_weave(set_as_woven=True, repeat=repeat)
+    assert not state.normal_force.any()
     start = state.copy()
     stepper = YarnStepper(model, YarnSettings(), np.zeros(3), NO_OBSTACLES, no_handles())
     for n in range(5):
