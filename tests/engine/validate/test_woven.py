@@ -27,7 +27,7 @@ def test_the_pull_out_ends_with_no_force_and_begins_with_all():
 
 
 def test_the_layers_in_flight_slide_over_each_other_and_friction_takes_energy():
-    left = [woven_energy.rise(mu, 2e-3)[1] for mu in woven_energy.FRICTION]
+    left = [woven_energy.rise(mu, 2e-3, "flat")[1] for mu in woven_energy.FRICTION]
     assert left[1] < left[0] - 0.05
 
 

@@ -5,6 +5,7 @@ vanishes. `left_out` states it in full, so that Hessian plus `left_out` is the d
 """
 
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -131,6 +132,18 @@ def change_of_mass(p, x, u, full):
         full[np.ix_(*[positions_of(m, i, j)] * 2)] += mixed + mixed.T
 
 
+def left_out_of_stretch(p, x, u, full):
+    """What is left out of crimp."""
+    turning_of_normals(silenced(p, without_bending), x, u, full)
+
+
+def silenced(potential, silence):
+    """A potential without one of its energies; the one given stays as it is."""
+    other = copy(potential)
+    silence(other)
+    return other
+
+
 def turning_of_normals(p, x, u, full):
     """What forces on centre lines do in the second derivatives of the normals that these are offset by."""
     if p.offsets is not None:
@@ -189,7 +202,7 @@ def left_out_of_bending(p, x, u, full):
     else:
         j = turning.jacobian(p.offsets, c, m.node_slot, x, u).toarray()
         full += j.T @ of_nodes[np.ix_(at, at)] @ j
-    turning_of_normals(p, x, u, full)
+    turning_of_normals(silenced(p, without_stretch), x, u, full)
     all_of_the_set(p, x, u, full)
 
 
@@ -234,7 +247,7 @@ def segments(chain: Chain) -> Iterator[tuple[int, int]]:
 
 TERMS = [
     Term("inertia", without_mass, left_out=change_of_mass),
-    Term("stretch", without_stretch, left_out=turning_of_normals, internal=True),
+    Term("stretch", without_stretch, left_out=left_out_of_stretch, internal=True),
     Term("bending", without_bending, left_out=left_out_of_bending, internal=True),
     Term("shear", without_shear, internal=True),
     Term("parallel contact", without_parallel_contact, internal=True),
