@@ -17,7 +17,7 @@ from engine.steppers.step_report import Stopwatch
 
 Iterate = tuple[Floats, Floats, float, Floats]  # x [P, 3], u [N], energy and gradient [P, 5]
 
-FEWEST_ROWS = 300  # of a system that has pieces
+FEWEST_ROWS = 1000  # of a system that has pieces: of smaller ones every iteration is cheap
 SHARE = 0.1  # of the rows that are free in a piece, at most
 SEEDS = 300  # worst points, at most, around which it is
 RINGS = 4  # of points around them
