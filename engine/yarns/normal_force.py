@@ -59,10 +59,11 @@ def normal_forces(
 def at_rest(model: YarnModel, state: YarnState, chain: "Chain") -> Floats:
     """Return F_n of every point before the first step, when only crimp that is not set presses yarns, shape [P] [N]."""
     force = np.zeros(model.point_count)
+    has_its_part = np.abs(model.set_angle)  # as where centre lines have a height: crimp that is set presses nothing
     normal_forces(
         model.point_kind, model.point_nodes, model.side, state.active, chain.before, chain.after,
         model.node_point, model.node_yarn, model.radius, model.crossing_spacing, model.bending_stiffness,
-        model.stretch_stiffness, np.abs(model.set_angle), state.contact_force, state.x, state.u, force)
+        model.stretch_stiffness, has_its_part, state.contact_force, state.x, state.u, force)
     return force
 
 

@@ -106,6 +106,7 @@ def test_newton_finds_whether_a_contact_sticks_though_it_starts_a_million_reache
     np.testing.assert_allclose(u, rest * max(0.0, 1.0 - limit / max(length, 1e-300)), atol=3e-6)
 
 
+# a subnormal limit [N] over a way of its own size has lost its digits
 @given(stiffest=st.floats(1e-3, 1e3), limit=st.floats(0.0, 1e3, allow_subnormal=False), rest_segment=st.floats(1e-4, 1.0))
 def test_friction_reaches_its_limit_after_a_least_way(stiffest, limit, rest_segment):
     [spring] = friction.springs(np.array([stiffest]), np.array([limit]), np.array([rest_segment]))
