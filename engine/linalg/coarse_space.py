@@ -17,13 +17,13 @@ from scipy.sparse import bsr_array
 from scipy.sparse.linalg import splu
 
 from engine.arrays import Floats, Ints, Singles
-from engine.linalg.block_matrix import BLOCK, BlockMatrix
+from engine.linalg.block_matrix import BLOCK, CONTRACT, BlockMatrix
 from engine.linalg.conjugate_gradient import Preconditioner
 from engine.linalg.patches import MODES, form_patches
 
 AXES = 3
 SIZE = AXES * MODES
-MOST_PATCHES = 3000  # a factor of P^T A P is cheap up to there
+MOST_PATCHES = 6000  # a factor of P^T A P is cheap up to there
 FLAT = 1e-9  # of the largest diagonal: an unknown below it does not exist, as the breadth of a line
 RIDGE = 1e-6  # of the diagonal is added: where most of a patch is held, its modes depend on each other
 
@@ -38,7 +38,10 @@ class CoarseSpace:
         displacements.
         """
         self.matrix, self.response = matrix, response
-        self.patches = form_patches(place, bodies, edge, MOST_PATCHES, matrix.start, matrix.column)
+        p = self.patches = form_patches(place, bodies, edge, MOST_PATCHES, matrix.start, matrix.column)
+        # those of the members of each patch in turn, for what goes through patches in every iteration
+        self.row, slot = np.divmod(p.members, 2)
+        self.members_response, self.members_mode = response[self.row, slot], p.mode[self.row, slot]
 
     def refresh(self) -> bool:
         """Factorise P^T A P for the present values of the matrix; false where it is singular.
@@ -62,7 +65,7 @@ class CoarseSpace:
         """Add P (P^T A P)^-1 P^T b to out, both [n, 5]."""
         p = self.patches
         coarse = np.empty((p.count, SIZE))
-        _restrict(p.members, p.start, p.mode, self.response, b, coarse)
+        _restrict(self.row, p.start, self.members_mode, self.members_response, b, coarse)
         _prolong(p.of, p.mode, self.response, self.factor.solve(coarse.ravel()).reshape(coarse.shape), out)
 
 
@@ -78,49 +81,79 @@ class TwoLevels:
         self.coarse.add_correction(b, out)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, fastmath=CONTRACT)
 def _coarse_matrix(start, column, block, of, mode, response, members, patch_start, first, neighbour, coarse):
     for p in prange(len(patch_start) - 1):
-        half = np.empty((AXES, BLOCK))
+        half, whole = np.empty((AXES, BLOCK)), np.empty((AXES, AXES))
+        of_row = np.empty((MODES, AXES, AXES))  # what a row adds to the patch's own block, before its own modes
+        own = np.zeros((SIZE, SIZE))
         for a in range(patch_start[p], patch_start[p + 1]):
             i, s = members[a] // 2, members[a] % 2
+            of_row[:] = 0.0
             for k in range(start[i], start[i + 1]):
                 j = column[k]
+                if j > i and of[j, 0] == p and of[j, 1] < 0:  # most are: their transposes come from row j
+                    continue
                 for r in range(AXES):
                     for c in range(BLOCK):
                         half[r, c] = 0.0
                         for t in range(BLOCK):
                             half[r, c] += response[i, s, t, r] * block[k, t, c]
                 for s_j in range(2):
-                    if of[j, s_j] >= 0:
-                        e = first[p] + np.searchsorted(neighbour[first[p] : first[p + 1]], of[j, s_j])
-                        _add_modes(half, response[j, s_j], mode[i, s], mode[j, s_j], coarse[e])
-
-
-@njit(cache=True)
-def _add_modes(half, response, mode_i, mode_j, coarse):
-    for r in range(AXES):
-        for c in range(AXES):
-            whole = 0.0
-            for t in range(BLOCK):
-                whole += half[r, t] * response[t, c]
+                    q = of[j, s_j]
+                    if q < 0 or (q == p and j > i):
+                        continue
+                    _product(half, response[j, s_j], whole)
+                    if q == p:
+                        share = 0.5 if j == i else 1.0
+                        for n in range(MODES):
+                            of_row[n] += share * mode[j, s_j, n] * whole
+                    else:
+                        e = first[p] + np.searchsorted(neighbour[first[p] : first[p + 1]], q)
+                        for m in range(MODES):
+                            for n in range(MODES):
+                                _add(mode[i, s, m] * mode[j, s_j, n], whole, m, n, coarse[e])
             for m in range(MODES):
                 for n in range(MODES):
-                    coarse[AXES * m + r, AXES * n + c] += mode_i[m] * mode_j[n] * whole
+                    _add(mode[i, s, m], of_row[n], m, n, own)
+        if patch_start[p] < patch_start[p + 1]:
+            coarse[first[p] + np.searchsorted(neighbour[first[p] : first[p + 1]], p)] = own + own.T
 
 
-@njit(cache=True, parallel=True)
-def _restrict(members, patch_start, mode, response, b, coarse):
+@njit(cache=True, fastmath=CONTRACT)
+def _product(half, response, whole):
+    for r in range(AXES):
+        for c in range(AXES):
+            whole[r, c] = 0.0
+            for t in range(BLOCK):
+                whole[r, c] += half[r, t] * response[t, c]
+
+
+@njit(cache=True, fastmath=CONTRACT)
+def _add(factor, whole, m, n, coarse):
+    """Add what modes m and n have of a product to the block of their patches."""
+    for r in range(AXES):
+        for c in range(AXES):
+            coarse[AXES * m + r, AXES * n + c] += factor * whole[r, c]
+
+
+@njit(cache=True, parallel=True, fastmath=CONTRACT)
+def _restrict(row, patch_start, mode, response, b, coarse):
     for p in prange(len(patch_start) - 1):
-        coarse[p] = 0.0
+        s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
         for a in range(patch_start[p], patch_start[p + 1]):
-            i, s = members[a] // 2, members[a] % 2
-            for r in range(AXES):
-                value = 0.0
-                for t in range(BLOCK):
-                    value += response[i, s, t, r] * b[i, t]
-                for m in range(MODES):
-                    coarse[p, AXES * m + r] += mode[i, s, m] * value
+            i, free = row[a], response[a]
+            b0, b1, b2, b3, b4 = b[i, 0], b[i, 1], b[i, 2], b[i, 3], b[i, 4]
+            v0 = free[0, 0] * b0 + free[1, 0] * b1 + free[2, 0] * b2 + free[3, 0] * b3 + free[4, 0] * b4
+            v1 = free[0, 1] * b0 + free[1, 1] * b1 + free[2, 1] * b2 + free[3, 1] * b3 + free[4, 1] * b4
+            v2 = free[0, 2] * b0 + free[1, 2] * b1 + free[2, 2] * b2 + free[3, 2] * b3 + free[4, 2] * b4
+            m0, m1, m2 = mode[a, 0], mode[a, 1], mode[a, 2]
+            s00, s01, s02 = s00 + m0 * v0, s01 + m0 * v1, s02 + m0 * v2
+            s10, s11, s12 = s10 + m1 * v0, s11 + m1 * v1, s12 + m1 * v2
+            s20, s21, s22 = s20 + m2 * v0, s21 + m2 * v1, s22 + m2 * v2
+        coarse[p, 0], coarse[p, 1], coarse[p, 2] = s00, s01, s02
+        coarse[p, 3], coarse[p, 4], coarse[p, 5] = s10, s11, s12
+        coarse[p, 6], coarse[p, 7], coarse[p, 8] = s20, s21, s22
 
 
 @njit(cache=True, parallel=True)

@@ -82,11 +82,11 @@ def worst_points(residual: Floats, goal: float, system: NewtonSystem) -> Ints:
 
 
 def settle(potential: IncrementalPotential, system: NewtonSystem, at: Iterate, piece: Piece, goal: float) -> Iterate:
-    """Return the iterate with a piece settled, as far as it goes."""
+    """Return the iterate with a piece settled, as far as it goes: the same where that is nowhere."""
     own = NewtonSystem(piece.potential, system.settings, Stopwatch(), system)
     x, u = at[0].copy(), at[1].copy()
     own_x, own_u = x[piece.points], u[piece.nodes]
-    inner: Iterate = (own_x, own_u, *piece.potential.gradient(own_x, own_u))
+    first = inner = (own_x, own_u, *piece.potential.gradient(own_x, own_u))
     for _ in range(MOST):
         if np.abs(inner[3]).max() <= goal:
             break
@@ -94,5 +94,7 @@ def settle(potential: IncrementalPotential, system: NewtonSystem, at: Iterate, p
         if found is None:
             break
         inner = found
+    if inner is first:
+        return at
     piece.put_back(inner[0], inner[1], x, u, potential)
     return x, u, *potential.gradient(x, u)

@@ -23,6 +23,7 @@ from engine.yarns.topology import Chain, assign, chain_of
 WORTHWHILE = 1e5  # times the tolerance: from this residual on, multipliers are worth an update
 # pulls that count: an F_n that may lack less is not worth more iterations, since only successive pulls end a contact
 ENOUGH = 10.0
+MEETING = 0.05  # of the safety distance: EoL nodes that come nearer than that within a step would have met
 
 
 class YarnStepper:
@@ -39,12 +40,30 @@ class YarnStepper:
         self.weight = float(np.max(model.density * model.rest_segment, initial=0.0) * np.linalg.norm(self.gravity))
         self.radius = model.radius[model.node_yarn[model.point_nodes[:, 0]]]
         self.least_radius = float(model.radius.min())
+        self.meeting_distance = MEETING * settings.safety_distance * model.rest_segment[model.node_yarn]
 
     def step(self, state: YarnState, time: float, h: float) -> StepReport:
-        """Advance `state` from `time` by `h` [s]; a rejected step leaves it as it was."""
+        """Advance `state` from `time` by `h` [s]; a rejected step leaves it as it was.
+
+        Where EoL nodes turn out to meet whose last rates did not say so, it begins anew with one of them EIL.
+        """
         report, watch = StepReport(), Stopwatch()
+        rates = self.attempt(state, time, h, state.u_rate, report, watch)
+        if rates is not None:
+            self.attempt(state, time, h, rates, report, watch, last=True)
+        report.stages = watch.laps
+        return report
+
+    def attempt(
+        self, state: YarnState, time: float, h: float, rates: Floats, report: StepReport, watch: Stopwatch, last: bool = False
+    ) -> Floats | None:
+        """Try a step in which u is expected to change at `rates` [N].
+
+        Returns None when it is done or rejected, as the report says; unless it is the `last`, other rates to expect where
+        EoL nodes are about to meet.
+        """
         start = state.copy()
-        chain = self.assign_nodes(start, h)
+        chain = self.assign_nodes(start, h, rates)
         obstacles = motion(self.obstacles, self.handles, time, h)
         watch.lap("assign")
         colliding = None
@@ -62,29 +81,36 @@ class YarnStepper:
             scale = self.measure(report, potential, gradient, x, u)
             closed = report.constraint_gap <= self.settings.gap_tolerance
             settled = closed and report.residual <= self.settings.tolerance
-            last = report.newton_iterations == self.settings.max_newton
-            if settled and (last or not self.in_doubt(potential, x, u, scale, lacked).any()):
+            ended = report.newton_iterations == self.settings.max_newton
+            if settled and (ended or not self.in_doubt(potential, x, u, scale, lacked).any()):
                 break
             if (settled or not closed) and report.residual <= WORTHWHILE * self.settings.tolerance:
                 if potential.update_multipliers(self.settings.gap_tolerance * self.least_radius):
                     system.forget_factor()
                 energy, gradient = potential.gradient(x, u)
-            if last:
-                return rejected(report, watch, "Newton did not converge")
+            if ended:
+                report.reason = "Newton did not converge"
+                return None
             found, iterations = newton(potential, system, (x, u, energy, gradient), self.settings.tolerance * scale)
             report.linear_iterations += iterations
             if found is None:
-                return rejected(report, watch, "the line search found no descent")
+                report.reason = "the line search found no descent"
+                return None
             x, u, energy, gradient = found
             report.newton_iterations += 1
+            if not last and meets_neighbour(chain.node, chain.after, self.meeting_distance, start.u, u):
+                return (u - start.u) / h
         if not np.isfinite(energy):
-            return rejected(report, watch, "the energy is not finite")
+            report.reason = "the energy is not finite"
+            return None
         if passes_neighbours(chain.before, chain.after, start.eil, start.order, self.model.node_point, start.active, u):
-            return rejected(report, watch, "a node passed more than one neighbour")
+            report.reason = "a node passed more than one neighbour"
+            return None
         if colliding is not None:
             report.collisions, passed = pressing(colliding.point, colliding.weight, colliding.rest, start.x, x)
             if passed:
-                return rejected(report, watch, "yarns passed through each other")
+                report.reason = "yarns passed through each other"
+                return None
         self.end(start, potential, x, u, h, report, scale)
         watch.lap("commit")
         if self.settings.dynamic_contacts:
@@ -93,16 +119,16 @@ class YarnStepper:
         self.remove_contacts(start, report)
         vars(state).update(vars(start))
         watch.lap("commit")
-        report.accepted, report.stages = True, watch.laps
-        return report
+        report.accepted = True
+        return None
 
-    def assign_nodes(self, state: YarnState, h: float) -> Chain:
-        """Choose EoL and EIL nodes, and carry the material velocity over to the new mesh (sec. 4.1)."""
+    def assign_nodes(self, state: YarnState, h: float, rates: Floats) -> Chain:
+        """Choose EoL and EIL nodes as u changes at `rates` [N], and carry the material velocity to the new mesh (sec. 4.1)."""
         if not self.settings.eil:
             state.eil[:] = False
             return chain_of(self.model, state.order, state.eil, state.active)
         old, was_eil, u = chain_of(self.model, state.order, state.eil, state.active), state.eil.copy(), state.u.copy()
-        assign(self.model, state, self.settings.safety_distance, h)
+        assign(self.model, state, self.settings.safety_distance, h, rates)
         new = chain_of(self.model, state.order, state.eil, state.active)
         if not np.array_equal(old.node, new.node):
             if self.settings.optimal_transition:
@@ -240,12 +266,6 @@ class YarnStepper:
             report.removed = len(ended)
 
 
-def rejected(report: StepReport, watch: Stopwatch, reason: str) -> StepReport:
-    """Finish the report of a step that must be tried again with a smaller h."""
-    report.reason, report.stages = reason, watch.laps
-    return report
-
-
 @njit(cache=True)
 def largest_tension(chain, after, node_yarn, place, stiffness, centre, u):
     """Largest |T| over all segments [N]."""
@@ -258,6 +278,16 @@ def largest_tension(chain, after, node_yarn, place, stiffness, centre, u):
                 square += (centre[place[j], k] - centre[place[i], k]) ** 2
             largest = max(largest, stiffness[node_yarn[i]] * abs(np.sqrt(square) / (u[j] - u[i]) - 1.0))
     return largest
+
+
+@njit(cache=True)
+def meets_neighbour(chain, after, distance, u0, u):
+    """Whether EoL nodes have come nearer to each other than their `distance` [N]."""
+    for i in chain:
+        j = after[i]
+        if j >= 0 and u[j] - u[i] < distance[i] <= u0[j] - u0[i]:
+            return True
+    return False
 
 
 @njit(cache=True)

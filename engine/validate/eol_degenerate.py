@@ -120,7 +120,7 @@ def stack(cloth: Cloth, seed: int, layers: int) -> tuple[March, float]:
     while True:
         march = March(scene(cloth, random, layers))
         trial = march.state.copy()
-        assign(march.model, trial, march.built.settings.safety_distance, STEP)
+        assign(march.model, trial, march.built.settings.safety_distance, STEP, trial.u_rate)
         share = observe.counts(march.model, trial)["eil"] / march.model.point_count
         if share >= SHARE:
             return march, share

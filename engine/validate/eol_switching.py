@@ -200,7 +200,7 @@ class _Corner:
         energies = []
         for distance in (0.05, 0.95, 0.05):
             yarns = stepper(model, WEIGHTLESS, safety_distance=distance, optimal_transition=optimal)
-            chain = yarns.assign_nodes(state, h=1.0)
+            chain = yarns.assign_nodes(state, 1.0, state.u_rate)
             nothing = motion(yarns.obstacles, yarns.handles, time=0.0, h=1.0)
             at_rest = IncrementalPotential(model, yarns.settings, yarns.gravity, nothing, state, chain, h=1.0)
             energies.append(at_rest.internal(state.x, state.u))

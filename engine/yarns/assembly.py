@@ -196,7 +196,7 @@ class YarnAssembly:
             model = replace(model, length=model.length + state.u[last] - u[last], set_rise=rise,
                             set_angle=angle * point["set_as_woven"][node_point])
             state.anchor = state.u.copy()
-        assign(model, state, YarnSettings.safety_distance, 0.0)
+        assign(model, state, YarnSettings.safety_distance, 0.0, state.u_rate)
         state.normal_force = normal_force.at_rest(model, state, chain_of(model, state.order, state.eil, state.active))
         return model, state
 

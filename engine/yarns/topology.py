@@ -22,11 +22,11 @@ class Chain:
     after: Ints  # the nearest EoL node behind each active node, -1 at a yarn's last, shape [N]
 
 
-def assign(model: YarnModel, state: YarnState, safety_distance: float, h: float) -> None:
+def assign(model: YarnModel, state: YarnState, safety_distance: float, h: float, rates: Floats) -> None:
     """Sort the nodes of every yarn by u and choose the EIL nodes; writes `state.order` and `state.eil`.
 
     `safety_distance` is in rest segments. Two nodes that close in on each other count as nearer by what they will
-    travel within the step `h` [s], so that they do not pass each other as EoL nodes.
+    travel within the step `h` [s] at the `rates` of u [N], so that they do not pass each other as EoL nodes.
 
     Beyond the paper, of two contacts the one becomes EIL whose yarn is straighter there, since that moves its yarn least;
     one that is EIL stays so. A discretisation point that nothing holds gives way to a contact that comes close: it rests
@@ -37,7 +37,7 @@ def assign(model: YarnModel, state: YarnState, safety_distance: float, h: float)
     # in whole millionths of a radius, so that round-off does not decide between straight yarns
     kink = np.round(kink / (1e-6 * model.radius[model.node_yarn]))
     _assign(model.node_start, model.rest_segment, model.kinematic, model.node_point, standing(model), kink, _open(model, state),
-            state.active, state.u, state.u_rate, h, safety_distance, state.order, state.eil)
+            state.active, state.u, rates, h, safety_distance, state.order, state.eil)
 
 
 def standing(model: YarnModel) -> Ints:

@@ -81,7 +81,7 @@ def test_contacts_begin_on_a_yarn_that_is_given():
 def test_a_contact_that_begins_changes_neither_place_nor_momentum_nor_energy():
     stack = free_weaves(3)
     model, state = stack.model, stack.state
-    assign(model, state, 0.1, 0.0)
+    assign(model, state, 0.1, 0.0, state.u_rate)
     contacts = np.flatnonzero(model.point_kind == PointKind.CONTACT)
     remove(model, state, contacts)
     nodes = model.point_nodes[contacts]
@@ -110,8 +110,8 @@ def test_a_contact_is_no_eol_node_until_its_yarns_have_met():
     coming = look(model, state)
     add(model, state, coming, np.array([True]))
     nodes = model.point_nodes[coming.points[0]]
-    assign(model, state, 0.1, H)
+    assign(model, state, 0.1, H, state.u_rate)
     assert state.eil[nodes].all()
     state.gap[:] = 0.0
-    assign(model, state, 0.1, H)
+    assign(model, state, 0.1, H, state.u_rate)
     assert not state.eil[nodes].any()

@@ -75,7 +75,7 @@ def apart(state, i, j):
 
 def assigned(model, state):
     state = state.copy()
-    assign(model, state, SAFETY, H)
+    assign(model, state, SAFETY, H, state.u_rate)
     return state
 
 
@@ -178,7 +178,7 @@ def test_chains_link_every_active_node_to_its_nearest_eol_nodes(seed, removed):
     model, state = stack.model, stack.state
     contacts = np.flatnonzero(model.point_kind == PointKind.CONTACT)
     state.active[[p for p in contacts if p in removed]] = False
-    assign(model, state, SAFETY, H)
+    assign(model, state, SAFETY, H, state.u_rate)
     chain = chain_of(model, state.order, state.eil, state.active)
     for y in range(model.yarn_count):
         order = state.order[model.node_start[y] : model.node_start[y + 1]]
