@@ -154,3 +154,10 @@ def test_newton_by_pieces_ends_where_newton_ends_and_solves_for_all_less_often(m
     assert pieces < whole
     moved = np.abs(with_pieces[0] - bent_cloths()[2][0]).max()
     np.testing.assert_allclose(with_pieces[0], without[0], atol=1e-2 * moved)
+
+
+def test_no_descent_anywhere_is_told_and_not_taken_for_progress(monkeypatch):
+    potential, system, at, goal = bent_cloths()
+    monkeypatch.setattr(by_pieces, "line_search", lambda *_, **__: None)
+    assert settle_pieces(potential, system, at, goal) is at
+    assert newton(potential, system, at, goal)[0] is None

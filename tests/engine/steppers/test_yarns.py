@@ -127,6 +127,36 @@ def test_a_rejected_step_leaves_no_trace():
         assert getattr(state, name).tobytes() == values.tobytes(), name
 
 
+def rods_about_to_meet():
+    """A rod and two across it, at rest as their rates of u say, whose velocities have them pass each other in a step."""
+    yarns, along, across = YarnAssembly(), np.linspace(0.0, 1.0, 9), np.linspace(0.0, 0.5, 5)
+    rod = yarns.yarn(MATERIAL, 1.0, 0.125)
+    speed = {rod: 0.0}
+    yarns.lagrangians(rod, along, np.column_stack([along, 0.0 * along, 0.0 * along]))
+    for place, towards in ((0.52, 4.0), (0.58, -4.0)):
+        slider = yarns.yarn(MATERIAL, 0.5, 0.125)
+        speed[slider] = towards
+        yarns.lagrangians(slider, across, np.column_stack([0.0 * across + place, across - 0.27, 0.0 * across]))
+        yarns.crossing(rod, place, slider, 0.27, np.array([place, 0.0, 0.0]), UP)
+    model, state = yarns.build()
+    state.velocity[..., 0] += np.array([speed[yarn] for yarn in model.node_yarn])[:, None]
+    return model, state
+
+
+def test_nodes_that_turn_out_to_meet_pass_each_other_in_the_same_step(monkeypatch):
+    model, state = rods_about_to_meet()
+    report = steps(alone(model, YarnSettings(), 0.0 * GRAVITY), state, 1)[0]
+    shared = model.point_nodes[model.node_point, 1] >= 0
+    first, second = np.flatnonzero((model.node_yarn == 0) & shared)
+    assert state.u[first] > state.u[second]
+    assert state.eil[first] != state.eil[second]
+    assert report.contact_gap <= YarnSettings.gap_tolerance and report.residual <= YarnSettings.tolerance
+
+    monkeypatch.setattr("engine.steppers.yarns.MEETING", 0.0)
+    model, state = rods_about_to_meet()
+    assert not alone(model, YarnSettings(), 0.0 * GRAVITY).step(state, 0.0, H).accepted
+
+
 @pytest.mark.parametrize("name", ["x", "u_rate", "velocity"])
 def test_a_state_that_is_not_finite_is_rejected(name):
     model, state, handles = held_rod()
