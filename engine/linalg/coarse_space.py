@@ -85,7 +85,7 @@ class TwoLevels:
 def _coarse_matrix(start, column, block, of, mode, response, members, patch_start, first, neighbour, coarse):
     for p in prange(len(patch_start) - 1):
         half, whole = np.empty((AXES, BLOCK)), np.empty((AXES, AXES))
-        of_row = np.empty((MODES, AXES, AXES))  # what a row adds to the patch's own block, before its own modes
+        of_row = np.empty((AXES, SIZE))  # what a row adds to the patch's own block, before its own modes
         own = np.zeros((SIZE, SIZE))
         for a in range(patch_start[p], patch_start[p + 1]):
             i, s = members[a] // 2, members[a] % 2
@@ -107,17 +107,20 @@ def _coarse_matrix(start, column, block, of, mode, response, members, patch_star
                     if q == p:
                         share = 0.5 if j == i else 1.0
                         for n in range(MODES):
-                            of_row[n] += share * mode[j, s_j, n] * whole
+                            _add(share * mode[j, s_j, n], whole, 0, n, of_row)
                     else:
                         e = first[p] + np.searchsorted(neighbour[first[p] : first[p + 1]], q)
                         for m in range(MODES):
                             for n in range(MODES):
                                 _add(mode[i, s, m] * mode[j, s_j, n], whole, m, n, coarse[e])
             for m in range(MODES):
-                for n in range(MODES):
-                    _add(mode[i, s, m], of_row[n], m, n, own)
-        if patch_start[p] < patch_start[p + 1]:
-            coarse[first[p] + np.searchsorted(neighbour[first[p] : first[p + 1]], p)] = own + own.T
+                for r in range(AXES):
+                    for c in range(SIZE):
+                        own[AXES * m + r, c] += mode[i, s, m] * of_row[r, c]
+        e = first[p] + np.searchsorted(neighbour[first[p] : first[p + 1]], p)
+        for r in range(SIZE):
+            for c in range(SIZE):
+                coarse[e, r, c] = own[r, c] + own[c, r]
 
 
 @njit(cache=True, fastmath=CONTRACT)

@@ -73,12 +73,10 @@ def smaller_shift(shift: float) -> float:
 
 @njit(cache=True, parallel=True)
 def _factorise(strip, reds, start, column, diagonal, block, shift, least, lower_start, lower, inverse, failed):
-    for s in prange(reds):
-        failed[s] = not _factorise_rows(
-            strip[s], strip[s + 1], start, column, diagonal, block, shift, least, lower_start, lower, inverse)
-    for s in prange(reds, len(strip) - 1):
-        failed[s] = not _factorise_rows(
-            strip[s], strip[s + 1], start, column, diagonal, block, shift, least, lower_start, lower, inverse)
+    for first, end in ((0, reds), (reds, len(strip) - 1)):
+        for s in prange(first, end):
+            failed[s] = not _factorise_rows(
+                strip[s], strip[s + 1], start, column, diagonal, block, shift, least, lower_start, lower, inverse)
 
 
 @njit(cache=True, fastmath=CONTRACT)
@@ -93,7 +91,9 @@ def _factorise_rows(first, last, start, column, diagonal, block, shift, least, l
         left = lower_start[i]
         for k in range(start[i], d):
             j, here = column[k], lower[left + k - start[i]]
-            here[:] = block[k]
+            for r in range(BLOCK):
+                for c in range(BLOCK):
+                    here[r, c] = block[k, r, c]
             # what rows i and j have in common left of column j
             a, b = start[i], start[j]
             while a < k and b < diagonal[j]:
@@ -157,14 +157,12 @@ def _inverse_factor(pivot, original, least, inverse):
 @njit(cache=True, parallel=True)
 def _solve(strip, reds, start, column, lower_start, lower, inverse, b, out):
     strips = len(strip) - 1
-    for s in prange(reds):
-        _forward(strip[s], strip[s + 1], start, column, lower_start, lower, inverse, b, out)
-    for s in prange(reds, strips):
-        _forward(strip[s], strip[s + 1], start, column, lower_start, lower, inverse, b, out)
-    for s in prange(reds, strips):
-        _backward(strip[s], strip[s + 1], start, column, lower_start, lower, inverse, out)
-    for s in prange(reds):
-        _backward(strip[s], strip[s + 1], start, column, lower_start, lower, inverse, out)
+    for first, end in ((0, reds), (reds, strips)):
+        for s in prange(first, end):
+            _forward(strip[s], strip[s + 1], start, column, lower_start, lower, inverse, b, out)
+    for first, end in ((reds, strips), (0, reds)):
+        for s in prange(first, end):
+            _backward(strip[s], strip[s + 1], start, column, lower_start, lower, inverse, out)
 
 
 @njit(cache=True, fastmath=CONTRACT)

@@ -49,9 +49,9 @@ def project_gradient(points, s, gradient):
     """Apply S to a gradient or a direction [P, 5] at the constrained `points`, in place."""
     g = np.empty(BLOCK)
     for p in points:
-        g[:] = gradient[p]
         for r in range(BLOCK):
-            gradient[p, r] = 0.0
+            g[r], gradient[p, r] = gradient[p, r], 0.0
+        for r in range(BLOCK):
             for c in range(BLOCK):
                 gradient[p, r] += s[p, r, c] * g[c]
 
@@ -83,9 +83,9 @@ def project_coupling(others, s, coupling):
     for e in range(len(others)):
         for r in range(2):
             for q in range(others.shape[1]):
-                row[:] = coupling[e, r, q]
                 for c in range(BLOCK):
-                    coupling[e, r, q, c] = 0.0
+                    row[c], coupling[e, r, q, c] = coupling[e, r, q, c], 0.0
+                for c in range(BLOCK):
                     for m in range(BLOCK):
                         coupling[e, r, q, c] += row[m] * s[others[e, q], m, c]
 
