@@ -1,4 +1,4 @@
-"""Benchmark results as one HTML page: per benchmark a table and a plot of seconds against size."""
+"""Benchmark results as one HTML page: per benchmark a table, and a plot of seconds by size or of error by seconds."""
 
 from html import escape
 
@@ -32,17 +32,37 @@ def _section(result: dict) -> str:
     ]
     exponent = "" if result["exponent"] is None else f"seconds grow as size to the power {result['exponent']:.2f}"
     note = f'<p class="fail">{escape(result["note"])}</p>' if result["note"] else ""
-    title = f"{result['name']}: seconds against size, both logarithmic"
+    if "on_front" in details:
+        plots = "".join(_front(result["rows"]))
+    else:
+        title = f"{result['name']}: seconds against size, both logarithmic"
+        plots = loglog(title, "size", "seconds", _series(result["rows"]))
     return (
         f'<section aria-labelledby="{name}"><div class="head"><h2 id="{name}">{name}</h2>'
         f'<span class="soft">{exponent}</span></div><p>{escape(result["summary"])}</p>{note}'
-        f'<div class="pair">{loglog(title, "size", "seconds", _series(result["rows"]))}</div>'
+        f'<div class="pair">{plots}</div>'
         f"{table('What was measured', [c.replace('_', ' ') for c in [*shown, *details]], rows)}</section>"
     )
 
 
 def _cell(value: float | str | None) -> str:
     return value if isinstance(value, str) else number(value)
+
+
+def _front(rows: list[dict]) -> list[str]:
+    """One plot per scene of error against seconds, with a series for every other knob; a case is "scene, knob"."""
+    plots = []
+    for scene in dict.fromkeys(row["case"].split(", ")[0] for row in rows):
+        series = []
+        for case in dict.fromkeys(row["case"] for row in rows if row["case"].startswith(f"{scene}, ")):
+            own = [row for row in rows if row["case"] == case]
+            labels = [f"{case}, {number(row['size'])} steps: {number(row['seconds'])} s, error {number(row['error'])}"
+                      + (", the default" if row["details"]["default"] else "") for row in own]
+            series.append(Series(case.removeprefix(f"{scene}, "), [row["seconds"] for row in own],
+                                 [row["error"] for row in own], labels))
+        plot = loglog(f"{scene}: error against seconds", "seconds", "error", series)
+        plots.append(f"<div><h3>{escape(scene)}</h3>{plot}</div>")
+    return plots
 
 
 def _series(rows: list[dict]) -> list[Series]:

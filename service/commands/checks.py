@@ -14,6 +14,7 @@ from service.wording import duration, number
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Html = Annotated[Path | None, typer.Option(help="Write a page with plots to this file.")]
+BENCH_COLUMNS = ("case", "size", "time", "throughput", "of bandwidth", "peer", "ratio", "error", "front")
 Threads = Annotated[int | None, typer.Option(help="Threads to use; all by default.", min=1)]
 
 
@@ -98,13 +99,21 @@ def _bench_tables(results: list[dict[str, Any]]) -> list[Table]:
         note = f", [red]{escape(result['note'])}[/]" if result["note"] else ""
         table = Table(title=f"[bold]{result['name']}[/]: {escape(result['summary'])}{exponent}{note}", box=None,
                       title_justify="left")
-        for column in ("case", "size", "time", "throughput", "of bandwidth", "peer", "ratio", "error"):
-            table.add_column(column, justify="left" if column in ("case", "peer") else "right")
-        for row in result["rows"]:
-            share = "" if row["bandwidth_share"] is None else f"{100 * row['bandwidth_share']:.0f} %"
-            ratio = "" if row["ratio"] is None else f"{row['ratio']:.3g}"
-            error = "" if row["error"] is None else number(row["error"])
-            table.add_row(row["case"], number(row["size"]), duration(row["seconds"]),
-                          f"{number(row['throughput'])} {row['unit']}", share, row["peer"] or "", ratio, error)
+        cells = [_bench_cells(row) for row in result["rows"]]
+        filled = [k for k in range(len(BENCH_COLUMNS)) if any(row[k] for row in cells)]
+        for k in filled:
+            table.add_column(BENCH_COLUMNS[k], justify="left" if BENCH_COLUMNS[k] in ("case", "peer", "front") else "right")
+        for row in cells:
+            table.add_row(*(row[k] for k in filled))
         tables.append(table)
     return tables
+
+
+def _bench_cells(row: dict[str, Any]) -> list[str]:
+    """What the table says of a measurement, column by column; those that say nothing of any are left out."""
+    share = "" if row["bandwidth_share"] is None else f"{100 * row['bandwidth_share']:.0f} %"
+    ratio = "" if row["ratio"] is None else f"{row['ratio']:.3g}"
+    error = "" if row["error"] is None else number(row["error"])
+    front = [word for key, word in (("default", "default"), ("on_front", "on it")) if row["details"].get(key)]
+    return [row["case"], number(row["size"]), duration(row["seconds"]), f"{number(row['throughput'])} {row['unit']}", share,
+            row["peer"] or "", ratio, error, ", ".join(front)]

@@ -208,7 +208,11 @@ def test_bench_prints_its_rows(monkeypatch):
     monkeypatch.setattr(engine.bench.suite, "run", lambda *_, **__: results)
     assert json.loads(strandline("bench", "--json").stdout) == results
     shown = strandline("bench").output
-    assert "1.02" in shown and "patch" in shown
+    assert "1.02" in shown and "patch" in shown and "30 %" in shown
+    assert not any(column in shown for column in ("peer", "ratio", "error", "front"))  # which say nothing of any row
+    row |= {"error": 0.025, "details": {"on_front": 1.0, "default": 1.0}}
+    shown = strandline("bench").output
+    assert "0.025" in shown and "default, on it" in shown
 
 
 def test_information():

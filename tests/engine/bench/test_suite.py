@@ -40,6 +40,19 @@ def test_rows_state_throughput_share_ratio_and_scaling(registry):
     json.dumps(result, allow_nan=False)
 
 
+def test_where_knobs_vary_the_page_shows_error_against_seconds(registry):
+    @benchmark("front", summary="s")
+    def front():
+        for tolerance in (1e-2, 1e-3):
+            for steps in (10.0, 40.0):
+                yield Measurement(f"cloth, tolerance {tolerance:g}", steps, 0.1 * steps, "steps", error=1.0 / steps,
+                                  details={"on_front": 1.0, "default": float((steps, tolerance) == (40.0, 1e-3))})
+
+    page = bench_page(run())
+    assert "cloth: error against seconds" in page and "<h3>cloth</h3>" in page and "seconds against size" not in page
+    assert page.count(", the default</title>") == 1 and "cloth, tolerance 0.001, 40 steps: 4 s, error 0.025" in page
+
+
 def test_a_benchmark_that_raises_keeps_its_rows(registry):
     @benchmark("breaks", summary="s")
     def breaks():
