@@ -73,8 +73,8 @@ class Step(Part):
     """Replace nodes that come too near to each other by EIL nodes; off only to show what then fails."""
     optimal_transition: bool = YarnSettings.optimal_transition
     """Move nodes along the yarn where they change kind, for the smallest jump of energy."""
-    separation_steps: Annotated[int, Field(ge=1, le=1000)] = YarnSettings.separation_steps
-    """Successive steps of pulling after which a contact between fabrics is removed."""
+    separation_time: NotNegative = YarnSettings.separation_time
+    """For how long a contact between fabrics pulls, without a break, before it is removed [s]; one step at least."""
     separation_force: NotNegative = YarnSettings.separation_force
     """Pull that counts as pulling, in weights of a rest segment or, where that is more, thousandths of the largest tension:
     layers under tension are not flatter than that. Forces about to count are found to ten times this, or the tolerance."""

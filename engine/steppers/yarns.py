@@ -200,7 +200,7 @@ class YarnStepper:
         start.gap[potential.split] = potential.gap[potential.split] + potential.offset[potential.split]
         self.write_normal_forces(start.active, potential, start.contact_force, x, u, start.normal_force)
         pulling = start.normal_force < -s.separation_force * scale
-        start.pulling_steps = np.where(pulling, start.pulling_steps + 1, 0)
+        start.pulling_time = np.where(pulling, start.pulling_time + h, 0.0)
         untouched = np.ones(m.point_count, np.bool_)
         untouched[potential.touching] = False
         start.obstacle_force[untouched], start.obstacle_anchor[untouched] = 0.0, x[untouched]
@@ -258,7 +258,7 @@ class YarnStepper:
 
     def remove_contacts(self, state: YarnState, report: StepReport) -> None:
         """Take contacts that ended out of use."""
-        ended = parted(self.model, state, self.settings.separation_steps, self.settings.safety_distance)
+        ended = parted(self.model, state, self.settings.separation_time, self.settings.safety_distance)
         if len(ended):
             remove(self.model, state, ended)
             if self.collisions is not None:

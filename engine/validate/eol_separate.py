@@ -82,7 +82,7 @@ def pulled_off(dt: float, persistence: int, offset: tuple[float, float]) -> Remo
     seen = Removal()
     turned = round(RAMP / dt)  # the first step whose weight points upwards, counted from 0
     for step in range(2 * turned):
-        march.pull(DOWN * cos(0.5 * pi * (step + 0.5) / turned), separation_steps=persistence, separation_force=0.0)
+        march.pull(DOWN * cos(0.5 * pi * (step + 0.5) / turned), separation_time=persistence * dt, separation_force=0.0)
         before = march.state.copy()
         march.reach(SETTLED + (step + 1) * dt)
         ended = contacts[before.active[contacts] & ~march.state.active[contacts]]
@@ -98,7 +98,7 @@ def _compare_with_held(march: March, before: YarnState, dt: float) -> Removal:
     """Repeat the last step without removing anything, and say what the removal changed."""
     m, state, held = march.model, march.state, before.copy()
     stepper = march.stepper
-    march.pull(stepper.gravity, separation_steps=2**31, separation_force=0.0)
+    march.pull(stepper.gravity, separation_time=np.inf, separation_force=0.0)
     march.stepper.step(held, march.time - dt, dt)
     new, old = observe.chain_now(m, state), observe.chain_now(m, held)
     kept = new.node[(new.after[new.node] >= 0) & np.isin(new.node, old.node)]

@@ -59,7 +59,7 @@ def scene(mu: float, dt: float, crimp: str) -> dict:
               "crimp": crimp}
     return {
         "strandline": 1, "name": "closed", "gravity": WEIGHTLESS.tolist(), "duration": 1.0,
-        "step": {"default": dt, "separation_steps": 1000},
+        "step": {"default": dt, "separation_time": 10.0},
         "materials": {"cotton": COTTON},
         "fabrics": [
             fabric | {"name": "lower"},

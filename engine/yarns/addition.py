@@ -66,7 +66,7 @@ def add(model: YarnModel, state: YarnState, coming: Approach, chosen: Flags) -> 
     state.anchor[nodes], state.u_rate[nodes], state.velocity[nodes] = state.u[nodes], 0.0, 0.0
     state.gap[points], state.gap_offset[points] = coming.between[chosen], 0.0
     state.contact_force[points], state.normal_force[points], state.x_rate[points] = 0.0, 0.0, 0.0
-    state.pulling_steps[points] = 0
+    state.pulling_time[points] = 0.0
     for yarn in np.unique(model.node_yarn[nodes]):
         own = slice(model.node_start[yarn], model.node_start[yarn + 1])
         state.order[own] = state.order[own][np.argsort(state.u[state.order[own]], kind="stable")]

@@ -179,7 +179,7 @@ class YarnAssembly:
             parting=np.zeros(points, np.bool_),
             anchor=u.copy(), normal_force=np.zeros(points), contact_force=np.zeros((points, 3)), gap=np.zeros((points, 3)),
             gap_offset=np.zeros((points, 3)),
-            pulling_steps=np.zeros(points, np.int64),
+            pulling_time=np.zeros(points),
             obstacle_anchor=x.copy(), obstacle_force=np.zeros(points),
         )
         # imported here, because reading and checking a scene needs no compiled kernels

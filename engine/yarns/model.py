@@ -102,7 +102,7 @@ class YarnState:
 
     OF_NODES: ClassVar = ("u", "u_rate", "velocity", "order", "eil", "anchor")
     OF_POINTS: ClassVar = ("x", "x_rate", "active", "parting", "normal_force", "contact_force", "gap", "gap_offset",
-                           "pulling_steps", "obstacle_anchor", "obstacle_force")
+                           "pulling_time", "obstacle_anchor", "obstacle_force")
 
     x: Floats  # Lagrangian coordinates of points [m], shape [P, 3]
     u: Floats  # Eulerian coordinates of nodes [m], shape [N]
@@ -118,7 +118,7 @@ class YarnState:
     contact_force: Floats  # force between the two sides of each point in the last step [N], shape [P, 3]
     gap: Floats  # between the two sides of EIL contacts [m], shape [P, 3]
     gap_offset: Floats  # the part of the gap that comes from new assignments, fading [m], shape [P, 3]
-    pulling_steps: Ints  # successive steps in which a contact pulled, shape [P]
+    pulling_time: Floats  # for which a contact has pulled without a break [s], shape [P]
     obstacle_anchor: Floats  # friction anchor of x on an obstacle [m], shape [P, 3]
     obstacle_force: Floats  # normal force of obstacles in the last step [N], shape [P]
 

@@ -8,19 +8,21 @@ from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.topology import chain_of
 
 SLIDING_KINDS = (PointKind.CROSSING, PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE)
+ROUND_OFF = 1e-9  # of the separation time, which is a sum of steps
 
 
-def parted(model: YarnModel, state: YarnState, separation_steps: int, safety_distance: float) -> Ints:
+def parted(model: YarnModel, state: YarnState, separation_time: float, safety_distance: float) -> Ints:
     """Return the points that have lost their contact.
 
-    A contact between fabrics ends after `separation_steps` successive steps of pulling. Every sliding point ends where u
+    A contact between fabrics ends when it has pulled for the `separation_time` [s]. Every sliding point ends where u
     has left the yarn; so does a crossing within a fabric, which then unravels. A yarn slips off an edge where it
     slides to one of its ends, less the `safety_distance` in rest segments: over a corner it would lie on two edges at the
     same place, and nothing could move it there.
     """
     first, second = model.point_nodes.T
     off_the_end = _outside(model, state, first) | ((second >= 0) & _outside(model, state, second))
-    pulled = (model.point_kind == PointKind.CONTACT) & (state.pulling_steps >= separation_steps)
+    pulled = (state.pulling_time > 0.0) & (state.pulling_time >= (1.0 - ROUND_OFF) * separation_time)
+    pulled &= model.point_kind == PointKind.CONTACT
     edge = np.flatnonzero(model.point_kind == PointKind.EDGE)
     reach = model.edge_half_length[edge] - safety_distance * model.rest_segment[model.node_yarn[first[edge]]]
     slipped = np.zeros(model.point_count, np.bool_)

@@ -23,6 +23,6 @@ class YarnSettings:
     gauge: float = 1e-5  # viscous hold of u over h k_s / rest segment, for the null modes of parallel contact
     eil: bool = True  # replace offending EoL nodes; off only to show what then fails
     optimal_transition: bool = False  # move u at transitions as Appendix A of Sánchez-Banderas 2020 says
-    separation_steps: int = 3  # successive pulling steps after which a contact between fabrics is removed
+    separation_time: float = 3e-3  # for which a contact between fabrics pulls before it is removed [s]
     separation_force: float = 1.0  # pull that counts as pulling, in weights of a rest segment or 1/1000 of the largest tension
     dynamic_contacts: bool = False  # contacts between fabrics begin where yarns would pass through each other

@@ -226,12 +226,12 @@ def test_a_rod_presses_with_its_tension_and_half_its_weight():
     model, state, point, force = roof(UP)
     steps(alone(model, replace(EXACT, tolerance=1e-9, constraint_factor=1e4), -UP), state, 20, h=0.1)
     assert state.normal_force[point] == pytest.approx(force, rel=1e-3)
-    assert state.active[point] and state.pulling_steps[point] == 0
+    assert state.active[point] and state.pulling_time[point] == 0.0
 
 
 def test_a_rod_that_pulls_is_let_go():
     model, state, point, _ = roof(-UP)
-    held = YarnSettings(separation_steps=3, separation_force=0.5, constraint_factor=1e4)
+    held = YarnSettings(separation_time=3 * H, separation_force=0.5, constraint_factor=1e4)
     reports = steps(alone(model, held, -UP), state, 4)
     assert [report.removed for report in reports] == [0, 0, 1, 0]
     assert not state.active[point]

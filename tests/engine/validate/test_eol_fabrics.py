@@ -50,7 +50,7 @@ def test_stacks_are_full_of_eil_points_and_some_are_coincident():
 
 def test_a_layer_that_is_not_turned_over_keeps_its_contacts():
     march = March(eol_separate.layers(1e-3, eol_separate.OFFSETS[0]))
-    march.pull(eol_separate.DOWN, separation_steps=1, separation_force=0.0)
+    march.pull(eol_separate.DOWN, separation_time=0.0, separation_force=0.0)
     march.reach(0.01)
     assert march.state.active[march.model.point_kind == PointKind.CONTACT].all()
 
@@ -62,7 +62,7 @@ def test_only_a_scene_that_asks_for_the_sign_of_forces_pays_for_it():
         march.reach(eol_separate.SETTLED)
         contacts = march.model.point_kind == PointKind.CONTACT
         for share in (0.75, 0.5, 0.25, 0.02):
-            march.pull(share * eol_separate.DOWN, separation_steps=1000, separation_force=force)
+            march.pull(share * eol_separate.DOWN, separation_time=1.0, separation_force=force)
             [attempt] = march.attempts(march.time + 2e-3)
             iterations[force] = iterations.get(force, 0) + attempt.report.newton_iterations
         least[force] = march.state.normal_force[contacts].min()

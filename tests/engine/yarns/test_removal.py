@@ -11,7 +11,7 @@ from engine.yarns.removal import parted, remove
 from engine.yarns.topology import chain_of
 from tests.engine.yarns.stacks import random_stack
 
-STEPS = 3
+PULLS = 3e-3  # [s]
 SAFETY = 0.1
 ENDS_BY_PULLING = {PointKind.CONTACT}
 ENDS_OFF_THE_END = {PointKind.CROSSING, PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE}
@@ -20,7 +20,7 @@ ENDS_OFF_THE_END = {PointKind.CROSSING, PointKind.CONTACT, PointKind.EYELET, Poi
 @pytest.fixture
 def stack():
     stack = random_stack(0)
-    stack.state.pulling_steps[:] = 0
+    stack.state.pulling_time[:] = 0.0
     return stack
 
 
@@ -29,29 +29,31 @@ def kinds_of(stack, points):
 
 
 def test_nothing_ends_by_itself(stack):
-    assert len(parted(stack.model, stack.state, STEPS, SAFETY)) == 0
+    assert len(parted(stack.model, stack.state, PULLS, SAFETY)) == 0
 
 
 def test_contacts_between_fabrics_end_by_pulling(stack):
-    stack.state.pulling_steps[:] = STEPS - 1
-    assert len(parted(stack.model, stack.state, STEPS, SAFETY)) == 0
-    stack.state.pulling_steps[:] = STEPS
-    assert kinds_of(stack, parted(stack.model, stack.state, STEPS, SAFETY)) == ENDS_BY_PULLING
+    stack.state.pulling_time[:] = 0.9 * PULLS
+    assert len(parted(stack.model, stack.state, PULLS, SAFETY)) == 0
+    stack.state.pulling_time[:] = PULLS / 3 + PULLS / 3 + PULLS / 3
+    assert kinds_of(stack, parted(stack.model, stack.state, PULLS, SAFETY)) == ENDS_BY_PULLING
+    stack.state.pulling_time[:] = 1e-6
+    assert kinds_of(stack, parted(stack.model, stack.state, 0.0, SAFETY)) == ENDS_BY_PULLING
 
 
 @pytest.mark.parametrize("u", [-1e-9, 100.0], ids=["before", "behind"])
 def test_what_slides_ends_where_the_yarn_ends(stack, u):
     stack.state.u[:] = u
-    ended = parted(stack.model, stack.state, STEPS, SAFETY)
+    ended = parted(stack.model, stack.state, PULLS, SAFETY)
     assert kinds_of(stack, ended) == ENDS_OFF_THE_END
     stack.state.active[ended[0]] = False
-    assert list(parted(stack.model, stack.state, STEPS, SAFETY)) == list(ended[1:])  # once only
+    assert list(parted(stack.model, stack.state, PULLS, SAFETY)) == list(ended[1:])  # once only
 
 
 def test_the_other_yarn_may_end_too(stack):
     point = np.flatnonzero(stack.model.point_kind == PointKind.CONTACT)[0]
     stack.state.u[stack.model.point_nodes[point, 1]] = -0.1
-    assert list(parted(stack.model, stack.state, STEPS, SAFETY)) == [point]
+    assert list(parted(stack.model, stack.state, PULLS, SAFETY)) == [point]
 
 
 def test_yarns_slip_off_an_edge_just_before_its_ends(stack):
@@ -65,7 +67,7 @@ def test_yarns_slip_off_an_edge_just_before_its_ends(stack):
         half_length[point] = 3.0 + beyond * margin
         stack.state.x_rate[point] = [rate, 0.0, 0.0]
         model = replace(stack.model, edge_middle=middle, edge_half_length=half_length)
-        assert list(parted(model, stack.state, STEPS, SAFETY)) == ended
+        assert list(parted(model, stack.state, PULLS, SAFETY)) == ended
 
 
 def test_removal_keeps_momentum_and_adds_no_energy(stack):
