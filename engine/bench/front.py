@@ -13,6 +13,7 @@ from engine.run.adaptivity import StepTooSmall
 from engine.scene.load import load_scene, shipped_scenes
 from engine.validate.eol_march import March
 from engine.yarns.model import PointKind
+from engine.yarns.settings import YarnSettings
 
 SCENES = ("tablecloth-small-friction", "shirt-tag-stretch-h-small")
 STEPS = (4.0, 2.0, 1.0, 0.5)  # of the scene's default
@@ -47,7 +48,7 @@ def of_scene(
     both faster and more accurate (`on_front`), and which pair is the default.
     """
     document = json.loads(shipped_scenes()[name].read_text())
-    simulate(document, 1.0, 1e-3, 2)  # compiles the kernels, untimed
+    simulate(document, 1.0, YarnSettings.tolerance, 2)  # compiles the kernels, untimed
     wanted = simulate(document, *reference, simulated).crossings
     if wanted is None:
         raise RuntimeError(f"the reference run of {name} failed")
@@ -60,7 +61,7 @@ def of_scene(
             f"{name}, tolerance {run.tolerance:g}", simulated / run.step, run.seconds, "steps",
             error=error if np.isfinite(error) else None,
             details={"on_front": float(not beaten and np.isfinite(error)),
-                     "default": float((run.step, run.tolerance) == (1.0, 1e-3))},
+                     "default": float((run.step, run.tolerance) == (1.0, YarnSettings.tolerance))},
         )
 
 

@@ -16,7 +16,7 @@ class YarnSettings:
     friction_factor: float = 0.1  # stiffness of friction anchors over k_s / rest segment
     parallel_factor: float = 1.0  # stiffness of contact of parallel yarns of a fabric over k_s / rest segment
     obstacle_factor: float = 1.0  # stiffness of obstacle contact over k_s / rest segment
-    tolerance: float = 1e-3  # residual force that ends Newton, relative to the force scale of the step
+    tolerance: float = 1e-2  # residual force that ends Newton, relative to the force scale of the step
     max_newton: int = 30  # iterations after which the step is tried again with half the size
     linear_tolerance: float = 3e-3  # relative residual of the linear solve inside Newton
     max_linear: int = 2000  # iterations of the linear solve
