@@ -9,6 +9,7 @@ import pytest
 from engine.bench import suite
 from engine.bench import yarns as bench
 from engine.yarns.model import PointKind
+from engine.yarns.settings import YarnSettings
 
 
 def test_rows_of_steps_are_whole():
@@ -17,7 +18,7 @@ def test_rows_of_steps_are_whole():
     assert patch.size == 36 and patch.details["eil_share"] == 0.0
     assert stack.size > 64 / 2 and stack.details["eil_share"] > 0.0
     for row in (patch, stack):
-        assert row.error is not None and 0.0 < row.error <= 1e-3  # Newton's tolerance
+        assert row.error is not None and 0.0 < row.error <= YarnSettings.tolerance
         assert row.details["newton"] >= 1 and row.details["cg_per_newton"] >= 1
         stages = sum(row.details[f"{stage}_s"] for stage in bench.STAGES)
         assert 0.3 * row.seconds < stages
@@ -41,7 +42,7 @@ def test_stacks_of_denim_have_the_size_that_was_asked_for():
     first, second = bench.scaling(points=(400, 1600))
     assert first.size == pytest.approx(400, rel=0.5) and 3 < second.size / first.size < 4.5  # without ends of yarns
     for row in (first, second):
-        assert row.error <= 1e-3 and row.details["newton"] >= 1
+        assert row.error <= YarnSettings.tolerance and row.details["newton"] >= 1
         assert row.details.get("bytes_per_point", 1.0) > 0.0  # absent where tests before held more memory
         json.dumps(suite._row(row, 1e9), allow_nan=False)
 
