@@ -180,7 +180,7 @@ def test_two_runs_are_the_same_to_the_bit():
 
 def test_a_report_tells_what_happened():
     stack = free_weaves(0)
-    settings = YarnSettings(tolerance=1e-4)
+    settings = YarnSettings(tolerance=1e-4, separation_time=1.0)
     report = steps(alone(stack.model, settings, GRAVITY), stack.state, 1)[0]
     assert report.residual <= settings.tolerance and report.contact_gap <= settings.gap_tolerance
     assert report.newton_iterations >= 1 and report.linear_iterations >= 1
