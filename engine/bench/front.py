@@ -42,7 +42,7 @@ def front() -> Iterator[Measurement]:
 def of_scene(
     name: str, steps: Sequence[float], tolerances: Sequence[float], reference: tuple[float, float], simulated: int
 ) -> Iterator[Measurement]:
-    """Yield a row for every pair of knobs, by how many steps take the scene as far as `simulated` default ones.
+    """Yield a row for every pair of knobs; its size is how many steps cover the time of `simulated` default ones.
 
     The error is the root mean square of the distance to the reference [spacings]. `details` say whether no other pair is
     both faster and more accurate (`on_front`), and which pair is the default.

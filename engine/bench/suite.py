@@ -119,7 +119,9 @@ def _row(measured: Measurement, bandwidth: float) -> dict:
 
 
 def _exponent(rows: list[dict]) -> float | None:
-    """Fitted p of seconds ~ size^p for the case with most sizes."""
+    """Fitted p of seconds ~ size^p for the case with most sizes; None where the size is a knob, not that of a problem."""
+    if any("on_front" in row["details"] for row in rows):
+        return None
     by_case: dict[str, list[dict]] = {}
     for row in rows:
         by_case.setdefault(row["case"], []).append(row)

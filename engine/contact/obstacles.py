@@ -176,7 +176,9 @@ def settle(points, solids, distance, stiffness, limit, x, anchor, force):
         force[p] = stiffness[p] * max(distance[p] - gap, 0.0)
         reach = limit[p] / stiffness[p]
         length = _slip(x[p], anchor[p], normal, slip)
-        keep = 0.0 if force[p] == 0.0 else min(1.0, reach / length) if length > 0.0 else 1.0
+        keep = 0.0
+        if force[p] > 0.0:
+            keep = min(1.0, reach / length) if length > 0.0 else 1.0
         for k in range(3):
             anchor[p, k] = x[p, k] - keep * slip[k]
     return deepest

@@ -39,7 +39,7 @@ class CoarseSpace:
         """
         self.matrix, self.response = matrix, response
         p = self.patches = form_patches(place, bodies, edge, MOST_PATCHES, matrix.start, matrix.column)
-        # those of the members of each patch in turn, for what goes through patches in every iteration
+        # row, response and modes of the members, patch by patch: every iteration goes through them in that order
         self.row, slot = np.divmod(p.members, 2)
         self.members_response, self.members_mode = response[self.row, slot], p.mode[self.row, slot]
 
@@ -142,7 +142,7 @@ def _add(factor, whole, m, n, coarse):
 
 @njit(cache=True, parallel=True, fastmath=CONTRACT)
 def _restrict(row, patch_start, mode, response, b, coarse):
-    for p in prange(len(patch_start) - 1):
+    for p in prange(len(patch_start) - 1):  # by hand for three modes of three axes: the nine sums stay in registers
         s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
         for a in range(patch_start[p], patch_start[p + 1]):
             i, free = row[a], response[a]

@@ -91,7 +91,7 @@ def _factorise_rows(first, last, start, column, diagonal, block, shift, least, l
         left = lower_start[i]
         for k in range(start[i], d):
             j, here = column[k], lower[left + k - start[i]]
-            for r in range(BLOCK):
+            for r in range(BLOCK):  # entry by entry: for arrays at once numba compiles the text of an error, for seconds
                 for c in range(BLOCK):
                     here[r, c] = block[k, r, c]
             # what rows i and j have in common left of column j

@@ -21,7 +21,7 @@ from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, assign, chain_of
 
 WORTHWHILE = 1e5  # times the tolerance: from this residual on, multipliers are worth an update
-# pulls that count: an F_n that may lack less is not worth more iterations, since only successive pulls end a contact
+# pulls that count: an F_n that may lack less is not worth more iterations, since only a pull that lasts ends a contact
 ENOUGH = 10.0
 MEETING = 0.05  # of the safety distance: EoL nodes that come nearer than that within a step would have met
 
@@ -48,7 +48,7 @@ class YarnStepper:
         Where EoL nodes turn out to meet whose last rates did not say so, it begins anew with one of them EIL.
         """
         report, watch = StepReport(), Stopwatch()
-        rates = self.attempt(state, time, h, state.u_rate, report, watch)
+        rates = self.attempt(state, time, h, state.u_rate, report, watch, last=not self.settings.eil)
         if rates is not None:
             self.attempt(state, time, h, rates, report, watch, last=True)
         report.stages = watch.laps
@@ -57,10 +57,10 @@ class YarnStepper:
     def attempt(
         self, state: YarnState, time: float, h: float, rates: Floats, report: StepReport, watch: Stopwatch, last: bool = False
     ) -> Floats | None:
-        """Try a step in which u is expected to change at `rates` [N].
+        """Try a step in which u is expected to change at `rates` [N] [m/s].
 
         Returns None when it is done or rejected, as the report says; unless it is the `last`, other rates to expect where
-        EoL nodes are about to meet.
+        EoL nodes are about to meet. The iterations of a step's attempts add up, also towards the most there may be.
         """
         start = state.copy()
         chain = self.assign_nodes(start, h, rates)
@@ -123,7 +123,7 @@ class YarnStepper:
         return None
 
     def assign_nodes(self, state: YarnState, h: float, rates: Floats) -> Chain:
-        """Choose EoL and EIL nodes as u changes at `rates` [N], and carry the material velocity to the new mesh (sec. 4.1)."""
+        """Choose EoL and EIL nodes for `rates` of u [N] [m/s], and carry the material velocity to the new mesh (sec. 4.1)."""
         if not self.settings.eil:
             state.eil[:] = False
             return chain_of(self.model, state.order, state.eil, state.active)
@@ -282,7 +282,7 @@ def largest_tension(chain, after, node_yarn, place, stiffness, centre, u):
 
 @njit(cache=True)
 def meets_neighbour(chain, after, distance, u0, u):
-    """Whether EoL nodes have come nearer to each other than their `distance` [N]."""
+    """Whether EoL nodes that were farther apart at u0 have come nearer to each other than their `distance` [N] [m] at u."""
     for i in chain:
         j = after[i]
         if j >= 0 and u[j] - u[i] < distance[i] <= u0[j] - u0[i]:

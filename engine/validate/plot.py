@@ -20,9 +20,9 @@ class Series:
     labels: list[str]
 
     def drawable(self) -> list[tuple[float, float, str]]:
-        """Return the points that have logarithms, by ascending x."""
+        """Return the points that have logarithms, in their order."""
         triples = zip(self.x, self.y, self.labels, strict=True)
-        return sorted((x, y, label) for x, y, label in triples if x and y and 0 < x and 0 < y and isfinite(x * y))
+        return [(x, y, label) for x, y, label in triples if x and y and 0 < x and 0 < y and isfinite(x * y)]
 
 
 def loglog(title: str, x_name: str, y_name: str, series: list[Series], bar: float | None = None) -> str:

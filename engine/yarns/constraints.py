@@ -49,7 +49,7 @@ def project_gradient(points, s, gradient):
     """Apply S to a gradient or a direction [P, 5] at the constrained `points`, in place."""
     g = np.empty(BLOCK)
     for p in points:
-        for r in range(BLOCK):
+        for r in range(BLOCK):  # entry by entry, which numba compiles faster than rows at once
             g[r], gradient[p, r] = gradient[p, r], 0.0
         for r in range(BLOCK):
             for c in range(BLOCK):

@@ -8,7 +8,7 @@ from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.topology import chain_of
 
 SLIDING_KINDS = (PointKind.CROSSING, PointKind.CONTACT, PointKind.EYELET, PointKind.EDGE)
-ROUND_OFF = 1e-9  # of the separation time, which is a sum of steps
+ROUND_OFF = 1e-9  # of the separation time: the time of pulling is a sum of steps
 
 
 def parted(model: YarnModel, state: YarnState, separation_time: float, safety_distance: float) -> Ints:

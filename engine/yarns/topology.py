@@ -26,7 +26,8 @@ def assign(model: YarnModel, state: YarnState, safety_distance: float, h: float,
     """Sort the nodes of every yarn by u and choose the EIL nodes; writes `state.order` and `state.eil`.
 
     `safety_distance` is in rest segments. Two nodes that close in on each other count as nearer by what they will
-    travel within the step `h` [s] at the `rates` of u [N], so that they do not pass each other as EoL nodes.
+    travel within the step `h` [s], at their last rates or the expected `rates` of u [N] [m/s], so that they do not pass
+    each other as EoL nodes.
 
     Beyond the paper, of two contacts the one becomes EIL whose yarn is straighter there, since that moves its yarn least;
     one that is EIL stays so. A discretisation point that nothing holds gives way to a contact that comes close: it rests
@@ -37,7 +38,7 @@ def assign(model: YarnModel, state: YarnState, safety_distance: float, h: float,
     # in whole millionths of a radius, so that round-off does not decide between straight yarns
     kink = np.round(kink / (1e-6 * model.radius[model.node_yarn]))
     _assign(model.node_start, model.rest_segment, model.kinematic, model.node_point, standing(model), kink, _open(model, state),
-            state.active, state.u, rates, h, safety_distance, state.order, state.eil)
+            state.active, state.u, state.u_rate, rates, h, safety_distance, state.order, state.eil)
 
 
 def standing(model: YarnModel) -> Ints:
@@ -84,8 +85,8 @@ def chain_of(model: YarnModel, order: Ints, eil: Flags, active: Flags) -> Chain:
 
 
 @njit(cache=True)
-def _assign(node_start, rest_segment, kinematic, node_point, standing, kink, open_gap, active, u, u_rate, h, safety_distance,
-            order, eil):
+def _assign(node_start, rest_segment, kinematic, node_point, standing, kink, open_gap, active, u, u_rate, rates, h,
+            safety_distance, order, eil):
     for y in range(len(rest_segment)):
         nodes = order[node_start[y] : node_start[y + 1]]
         for a in range(1, len(nodes)):  # insertion sort: stable, and linear on what is nearly sorted
@@ -108,7 +109,7 @@ def _assign(node_start, rest_segment, kinematic, node_point, standing, kink, ope
             if open_gap[node]:
                 eil[node] = True
                 continue
-            while last >= 0 and _apart(u, u_rate, nodes[last], node, h) < distance:
+            while last >= 0 and _apart(u, u_rate, rates, nodes[last], node, h) < distance:
                 gives_way = standing[node] < standing[nodes[last]] or (
                     standing[node] == standing[nodes[last]] and kink[node] <= kink[nodes[last]])
                 if standing[node] < 2 and gives_way:
@@ -123,9 +124,9 @@ def _assign(node_start, rest_segment, kinematic, node_point, standing, kink, ope
 
 
 @njit(cache=True)
-def _apart(u, u_rate, i, j, h):
+def _apart(u, u_rate, rates, i, j, h):
     now = u[j] - u[i]
-    return min(now, now + h * (u_rate[j] - u_rate[i]))
+    return now + h * min(0.0, u_rate[j] - u_rate[i], rates[j] - rates[i])
 
 
 @njit(cache=True)

@@ -100,7 +100,7 @@ def _bench_tables(results: list[dict[str, Any]]) -> list[Table]:
         table = Table(title=f"[bold]{result['name']}[/]: {escape(result['summary'])}{exponent}{note}", box=None,
                       title_justify="left")
         cells = [_bench_cells(row) for row in result["rows"]]
-        filled = [k for k in range(len(BENCH_COLUMNS)) if any(row[k] for row in cells)]
+        filled = [k for k in range(len(BENCH_COLUMNS)) if not cells or any(row[k] for row in cells)]
         for k in filled:
             table.add_column(BENCH_COLUMNS[k], justify="left" if BENCH_COLUMNS[k] in ("case", "peer", "front") else "right")
         for row in cells:
@@ -110,7 +110,7 @@ def _bench_tables(results: list[dict[str, Any]]) -> list[Table]:
 
 
 def _bench_cells(row: dict[str, Any]) -> list[str]:
-    """What the table says of a measurement, column by column; those that say nothing of any are left out."""
+    """Return what the table says of a measurement, for each of BENCH_COLUMNS; empty where that is nothing."""
     share = "" if row["bandwidth_share"] is None else f"{100 * row['bandwidth_share']:.0f} %"
     ratio = "" if row["ratio"] is None else f"{row['ratio']:.3g}"
     error = "" if row["error"] is None else number(row["error"])
