@@ -213,6 +213,8 @@ def test_bench_prints_its_rows(monkeypatch):
     row |= {"error": 0.025, "details": {"on_front": 1.0, "default": 1.0}}
     shown = strandline("bench").output
     assert "0.025" in shown and "default, on it" in shown
+    results[0] |= {"rows": [], "note": "ended by MemoryError"}
+    assert "ended by MemoryError" in strandline("bench").output
 
 
 def test_information():

@@ -93,6 +93,18 @@ def test_the_assignment_is_that_of_the_reference(yarn):
 
 @settings(deadline=None)
 @given(yarns())
+def test_rates_that_are_expected_count_as_the_last_ones_do(yarn):
+    model, state, _ = yarn
+    wanted, rates = assigned(model, state), state.u_rate
+    for last, expected in ((rates, 0.0 * rates), (0.0 * rates, rates)):
+        found = state.copy()
+        found.u_rate = last
+        assign(model, found, SAFETY, H, expected)
+        np.testing.assert_array_equal(found.eil, wanted.eil)
+
+
+@settings(deadline=None)
+@given(yarns())
 def test_nodes_are_sorted_and_ties_keep_their_order(yarn):
     model, state, _ = yarn
     found = assigned(model, state)
