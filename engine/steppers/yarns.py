@@ -45,7 +45,7 @@ class YarnStepper:
     def step(self, state: YarnState, time: float, h: float) -> StepReport:
         """Advance `state` from `time` by `h` [s]; a rejected step leaves it as it was.
 
-        Where EoL nodes turn out to meet whose last rates did not say so, it begins anew with one of them EIL.
+        Beyond the paper, where EoL nodes turn out to meet whose last rates did not say so, it begins anew with one of them EIL.
         """
         report, watch = StepReport(), Stopwatch()
         rates = self.attempt(state, time, h, state.u_rate, report, watch, last=not self.settings.eil)
