@@ -84,6 +84,7 @@ def run_job(data: Path, job: str, fence: int, threads: int) -> int:
 
     prepare_compile_cache()  # before anything imports numba
     from engine.run.checkpoint import CheckpointMismatch
+    from engine.run.compile_ahead import compile_ahead
     from engine.run.directory import DirectoryTaken
     from engine.run.simulation import SimulationFailed, run
     from engine.scene.load import load_scene
@@ -94,6 +95,7 @@ def run_job(data: Path, job: str, fence: int, threads: int) -> int:
     stop = []
     signal.signal(signal.SIGTERM, lambda *_: stop.append(True))
     scene = load_scene(directory / "scene.json")
+    compile_ahead(scene)
     progress = ProgressWriter(store, job, fence)
     recorder = Recorder(scene, directory)
     try:

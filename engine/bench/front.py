@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from engine.arrays import Floats
-from engine.bench.suite import Measurement, benchmark
+from engine.bench.suite import Measurement, Standing, benchmark
 from engine.run.adaptivity import StepTooSmall
 from engine.scene.load import load_scene, shipped_scenes
 from engine.validate.eol_march import March
@@ -44,8 +44,7 @@ def of_scene(
 ) -> Iterator[Measurement]:
     """Yield a row for every pair of knobs; its size is how many steps cover the time of `simulated` default ones.
 
-    The error is the root mean square of the distance to the reference [spacings]. `details` say whether no other pair is
-    both faster and more accurate (`on_front`), and which pair is the default.
+    The error is the root mean square of the distance to the reference [spacings].
     """
     document = json.loads(shipped_scenes()[name].read_text())
     simulate(document, 1.0, YarnSettings.tolerance, 2)  # compiles the kernels, untimed
@@ -60,8 +59,8 @@ def of_scene(
         yield Measurement(
             f"{name}, tolerance {run.tolerance:g}", simulated / run.step, run.seconds, "steps",
             error=error if np.isfinite(error) else None,
-            details={"on_front": float(not beaten and np.isfinite(error)),
-                     "default": float((run.step, run.tolerance) == (1.0, YarnSettings.tolerance))},
+            standing=Standing(on_front=bool(not beaten and np.isfinite(error)),
+                              default=(run.step, run.tolerance) == (1.0, YarnSettings.tolerance)),
         )
 
 

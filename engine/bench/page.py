@@ -30,9 +30,13 @@ def _section(result: dict) -> str:
         [_cell(row[column]) for column in shown] + [number(row["details"].get(key)) for key in details]
         for row in result["rows"]
     ]
+    ranked = any(row["standing"] for row in result["rows"])
+    if ranked:
+        rows = [[*cells, _standing(row["standing"])] for cells, row in zip(rows, result["rows"], strict=True)]
+    columns = [column.replace("_", " ") for column in (*shown, *details, *(["front"] if ranked else []))]
     exponent = "" if result["exponent"] is None else f"seconds grow as size to the power {result['exponent']:.2f}"
     note = f'<p class="fail">{escape(result["note"])}</p>' if result["note"] else ""
-    if "on_front" in details:
+    if ranked:
         plots = "".join(_front(result["rows"]))
     else:
         title = f"{result['name']}: seconds against size, both logarithmic"
@@ -41,8 +45,12 @@ def _section(result: dict) -> str:
         f'<section aria-labelledby="{name}"><div class="head"><h2 id="{name}">{name}</h2>'
         f'<span class="soft">{exponent}</span></div><p>{escape(result["summary"])}</p>{note}'
         f'<div class="pair">{plots}</div>'
-        f"{table('What was measured', [c.replace('_', ' ') for c in [*shown, *details]], rows)}</section>"
+        f"{table('What was measured', columns, rows)}</section>"
     )
+
+
+def _standing(standing: dict[str, bool]) -> str:
+    return ", ".join(word for key, word in (("default", "default"), ("on_front", "on it")) if standing[key])
 
 
 def _cell(value: float | str | None) -> str:
@@ -57,7 +65,7 @@ def _front(rows: list[dict]) -> list[str]:
         for case in dict.fromkeys(row["case"] for row in rows if row["case"].startswith(f"{scene}, ")):
             own = [row for row in rows if row["case"] == case]
             labels = [f"{case}, {number(row['size'])} steps: {number(row['seconds'])} s, error {number(row['error'])}"
-                      + (", the default" if row["details"]["default"] else "") for row in own]
+                      + (", the default" if row["standing"]["default"] else "") for row in own]
             series.append(Series(case.removeprefix(f"{scene}, "), [row["seconds"] for row in own],
                                  [row["error"] for row in own], labels))
         plot = loglog(f"{scene}: error against seconds", "seconds", "error", series)

@@ -7,7 +7,7 @@ Nothing here asserts on seconds.
 import importlib
 import pkgutil
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from statistics import median
 from time import perf_counter
 
@@ -23,6 +23,14 @@ class UnknownBenchmark(Exception):
 
 
 @dataclass(frozen=True)
+class Standing:
+    """How one choice of knobs stands among others for the same problem."""
+
+    on_front: bool  # none is both faster and more accurate
+    default: bool  # it is what scenes have where they say nothing
+
+
+@dataclass(frozen=True)
 class Measurement:
     """One case at one size."""
 
@@ -34,6 +42,7 @@ class Measurement:
     peer: str | None = None  # who else did the same work in this run
     peer_seconds: float | None = None
     error: float | None = None  # of the result, so that speed is never without it
+    standing: Standing | None = None  # where the size is a knob, not that of the problem
     details: dict[str, float] = field(default_factory=dict)  # iterations, seconds of stages, ...
 
 
@@ -114,13 +123,14 @@ def _row(measured: Measurement, bandwidth: float) -> dict:
         "peer_seconds": measured.peer_seconds,
         "ratio": None if measured.peer_seconds is None else measured.peer_seconds / measured.seconds,
         "error": measured.error,
+        "standing": None if measured.standing is None else asdict(measured.standing),
         "details": dict(measured.details),
     }
 
 
 def _exponent(rows: list[dict]) -> float | None:
     """Fitted p of seconds ~ size^p for the case with most sizes; None where the size is a knob, not that of a problem."""
-    if any("on_front" in row["details"] for row in rows):
+    if any(row["standing"] for row in rows):
         return None
     by_case: dict[str, list[dict]] = {}
     for row in rows:

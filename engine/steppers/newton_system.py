@@ -1,7 +1,6 @@
 """The linear system of a Newton iteration, and its solution by preconditioned conjugate gradients."""
 
 import numpy as np
-from numpy.typing import DTypeLike
 
 from engine.arrays import Flags, Floats
 from engine.linalg.coarse_space import CoarseSpace, TwoLevels
@@ -23,6 +22,11 @@ SHARE = 0.1  # rows with at least this part of the most negative row's share in 
 MARGIN = 0.3  # of Newton's goal, for what the Hessian does not foresee
 
 
+def precision(points: int) -> type[np.floating]:
+    """Return the type of the numbers in the matrix of so many `points`."""
+    return np.float32 if points >= MANY else np.float64
+
+
 class NewtonSystem:
     """The Hessian of a step, whose pattern stays while its values change with the iterations."""
 
@@ -34,12 +38,8 @@ class NewtonSystem:
         That of a piece, which has the precision of its `whole`, has no coarse space: nothing runs far in it.
         """
         self.potential, self.settings, self.watch = potential, settings, watch
-        dtype: DTypeLike
-        if whole is None:
-            dtype = np.float32 if np.count_nonzero(potential.state.active) >= MANY else np.float64
-        else:
-            dtype = whole.layout.matrix.block.dtype
-        self.layout: Layout = potential.lay_out(dtype)
+        points = int(np.count_nonzero(potential.state.active))
+        self.layout: Layout = potential.lay_out(precision(points) if whole is None else whole.layout.matrix.block.dtype)
         self.factor = incomplete_cholesky(self.layout.matrix)
         self.preconditioner: Preconditioner = self.factor
         self.coarse = self._coarse_space() if whole is None else None

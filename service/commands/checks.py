@@ -114,6 +114,6 @@ def _bench_cells(row: dict[str, Any]) -> list[str]:
     share = "" if row["bandwidth_share"] is None else f"{100 * row['bandwidth_share']:.0f} %"
     ratio = "" if row["ratio"] is None else f"{row['ratio']:.3g}"
     error = "" if row["error"] is None else number(row["error"])
-    front = [word for key, word in (("default", "default"), ("on_front", "on it")) if row["details"].get(key)]
+    front = [word for key, word in (("default", "default"), ("on_front", "on it")) if (row["standing"] or {}).get(key)]
     return [row["case"], number(row["size"]), duration(row["seconds"]), f"{number(row['throughput'])} {row['unit']}", share,
             row["peer"] or "", ratio, error, ", ".join(front)]

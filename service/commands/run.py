@@ -78,6 +78,7 @@ def _simulate(scene: "Scene", target: Path, until: float | None, threads: int | 
 
     prepare_compile_cache()  # before anything imports numba
     from engine.run.checkpoint import CheckpointMismatch
+    from engine.run.compile_ahead import compile_ahead
     from engine.run.directory import DirectoryTaken
     from engine.run.simulation import Progress, SimulationFailed
     from engine.run.simulation import run as simulate
@@ -85,6 +86,7 @@ def _simulate(scene: "Scene", target: Path, until: float | None, threads: int | 
     from service.worker import progress_event
     from viewer.recording import Recorder
 
+    compile_ahead(scene)
     stop: list[bool] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.append(True))

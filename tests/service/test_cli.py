@@ -203,14 +203,15 @@ def test_an_unknown_case_or_benchmark_is_named():
 
 def test_bench_prints_its_rows(monkeypatch):
     row = {"case": "patch", "size": 1000.0, "seconds": 0.1, "throughput": 1e4, "unit": "crossings/s", "error": None,
-           "bandwidth_share": 0.3, "peer": None, "peer_seconds": None, "ratio": None, "details": {}}
+           "bandwidth_share": 0.3, "peer": None, "peer_seconds": None, "ratio": None, "standing": None,
+           "details": {}}
     results = [{"name": "yarns", "summary": "made up", "machine": {}, "rows": [row], "exponent": 1.02, "note": ""}]
     monkeypatch.setattr(engine.bench.suite, "run", lambda *_, **__: results)
     assert json.loads(strandline("bench", "--json").stdout) == results
     shown = strandline("bench").output
     assert "1.02" in shown and "patch" in shown and "30 %" in shown
     assert not any(column in shown for column in ("peer", "ratio", "error", "front"))  # which say nothing of any row
-    row |= {"error": 0.025, "details": {"on_front": 1.0, "default": 1.0}}
+    row |= {"error": 0.025, "standing": {"on_front": True, "default": True}}
     shown = strandline("bench").output
     assert "0.025" in shown and "default, on it" in shown
     results[0] |= {"rows": [], "note": "ended by MemoryError"}

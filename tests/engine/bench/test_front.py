@@ -9,5 +9,5 @@ def test_errors_fall_with_the_step_and_the_fastest_and_the_best_are_on_the_front
     assert [row.size for row in rows] == [2, 8] and {row.unit for row in rows} == {"steps"}
     coarse, fine = rows
     assert fine.error < coarse.error < 0.1
-    assert fine.details["default"] == 1.0 and coarse.details["default"] == 0.0
-    assert fine.details["on_front"] == 1.0
+    assert fine.standing.default and not coarse.standing.default
+    assert fine.standing.on_front

@@ -6,7 +6,7 @@ import pytest
 from engine.bench import suite
 from engine.bench.machine import memory_bandwidth
 from engine.bench.page import bench_page
-from engine.bench.suite import Measurement, UnknownBenchmark, benchmark, median_seconds, run
+from engine.bench.suite import Measurement, Standing, UnknownBenchmark, benchmark, median_seconds, run
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_where_knobs_vary_the_page_shows_error_against_seconds(registry):
         for tolerance in (1e-2, 1e-3):
             for steps in (10.0, 40.0):
                 yield Measurement(f"cloth, tolerance {tolerance:g}", steps, 0.1 * steps, "steps", error=1.0 / steps,
-                                  details={"on_front": 1.0, "default": float((steps, tolerance) == (40.0, 1e-3))})
+                                  standing=Standing(on_front=True, default=(steps, tolerance) == (40.0, 1e-3)))
 
     page = bench_page(run())
     assert "cloth: error against seconds" in page and "<h3>cloth</h3>" in page and "seconds against size" not in page
