@@ -48,8 +48,6 @@ class Step(Part):
     """Stiffness that holds EIL contacts together, over stretch stiffness / rest segment."""
     gap_tolerance: Positive = YarnSettings.gap_tolerance
     """Gap of EIL contacts that a step may leave, in yarn radii."""
-    transition_time: Positive = YarnSettings.transition_time
-    """Time in which the gap of a contact that becomes EIL fades by 1/e [s]."""
     friction_law: Literal["isotropic", "box"] = YarnSettings.friction_law
     """Friction between two yarns is limited in every direction alike, or (`box`) along each yarn by itself, up to sqrt 2
     too strongly between them."""

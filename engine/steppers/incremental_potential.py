@@ -107,7 +107,6 @@ class IncrementalPotential:
         self.last_gap = np.full(model.point_count, np.inf)  # when the multipliers were updated [m]
         self.multiplier = np.zeros((model.point_count, 3))
         self.multiplier[self.split] = state.contact_force[self.split]
-        self.offset = np.exp(-h / settings.transition_time) * state.gap_offset
 
     def _share_friction(self, limit: Floats) -> None:
         """Let the isotropic law, where it is chosen, have the points on which two yarns slide; `limit` [P] is mu F_n."""
@@ -154,7 +153,7 @@ class IncrementalPotential:
         energy += parallel_contact.add_gradient(self.parallel_pair, self.parallel_distance, self.parallel_stiffness, u, g)
         energy += contact.add_gradient_in_parts(
             self.split, self.parts, m.point_nodes, self.state.eil, c.before, c.after, m.node_point,
-            self.constraint_stiffness, self.constraint_shape, self.multiplier, self.offset, x, u, g, self.gap)
+            self.constraint_stiffness, self.constraint_shape, self.multiplier, x, u, g, self.gap)
         return energy
 
     def _of_yarns(self, x: Floats, u: Floats, g: Floats) -> float:
@@ -311,7 +310,7 @@ class IncrementalPotential:
                                      m.node_slot, u, layout.row, a.start, a.column, a.block)
         positive = contact.add_hessian_in_parts(
             self.split, self.parts, m.point_nodes, self.state.eil, c.before, c.after, m.node_point, m.node_slot,
-            self.constraint_stiffness, self.constraint_shape, self.multiplier, self.offset, x, u, convex, self.sliding_curvature,
+            self.constraint_stiffness, self.constraint_shape, self.multiplier, x, u, convex, self.sliding_curvature,
             layout.row, layout.condensed, a.start, a.column, a.block, layout.inverse, layout.coupling)
         if len(self.touching):
             obstacle_contact.add_hessian(

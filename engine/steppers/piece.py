@@ -18,7 +18,7 @@ from engine.yarns.model import YarnModel
 from engine.yarns.topology import Chain
 
 OF_POINTS = (
-    "x0", "interpolated_contact", "constraint_stiffness", "constraint_shape", "multiplier", "offset", "gap", "last_gap",
+    "x0", "interpolated_contact", "constraint_stiffness", "constraint_shape", "multiplier", "gap", "last_gap",
     "shear_stiffness", "free_angle", "rubbing_stiffness", "rubbing_limit", "pull", "obstacle_stiffness", "obstacle_distance",
     "obstacle_anchor", "obstacle_normal", "obstacle_limit", "obstacle_pull",
 )

@@ -79,7 +79,7 @@ class YarnStepper:
         lacked = np.full(self.model.point_count, np.inf)
         while True:
             scale = self.measure(report, potential, gradient, x, u)
-            closed = report.constraint_gap <= self.settings.gap_tolerance
+            closed = report.contact_gap <= self.settings.gap_tolerance
             settled = closed and report.residual <= self.settings.tolerance
             ended = report.newton_iterations == self.settings.max_newton
             if settled and (ended or not self.in_doubt(potential, x, u, scale, lacked).any()):
@@ -133,7 +133,6 @@ class YarnStepper:
         if not np.array_equal(old.node, new.node):
             if self.settings.optimal_transition:
                 transition.settle_switched(self.model, state, was_eil, new, self.settings.safety_distance)
-            contact.absorb_jumps(self.model, state, new)
             state.velocity = inertia.project(old, u, state.velocity, new, state.u)
         return new
 
@@ -170,9 +169,7 @@ class YarnStepper:
         floor = 1e-9 * float(m.stretch_stiffness.max(initial=0.0))
         scale = max(self.weight, 1e-3 * tension, floor)
         report.residual = float(np.abs(gradient).max(initial=0.0)) / scale
-        split = potential.split
-        report.contact_gap = self.largest_gap(split, potential.gap[split] + potential.offset[split])
-        report.constraint_gap = self.largest_gap(split, potential.gap[split])
+        report.contact_gap = self.largest_gap(potential.split, potential.gap[potential.split])
         return scale
 
     def largest_gap(self, points: Ints, gap: Floats) -> float:
@@ -195,9 +192,9 @@ class YarnStepper:
         friction_circle.drag_anchors(potential.rubbing, m.point_nodes, potential.rubbing_stiffness, potential.rubbing_limit,
                                      potential.slope, u, start.anchor)
         potential.internal(x, u)
-        start.contact_force, start.gap_offset = potential.contact_force(), potential.offset
+        start.contact_force = potential.contact_force()
         start.gap[:] = 0.0
-        start.gap[potential.split] = potential.gap[potential.split] + potential.offset[potential.split]
+        start.gap[potential.split] = potential.gap[potential.split]
         self.write_normal_forces(start.active, potential, start.contact_force, x, u, start.normal_force)
         pulling = start.normal_force < -s.separation_force * scale
         start.pulling_time = np.where(pulling, start.pulling_time + h, 0.0)

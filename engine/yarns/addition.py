@@ -64,7 +64,7 @@ def add(model: YarnModel, state: YarnState, coming: Approach, chosen: Flags) -> 
     state.active[points], state.parting[points] = True, False
     state.eil[nodes] = True
     state.anchor[nodes], state.u_rate[nodes], state.velocity[nodes] = state.u[nodes], 0.0, 0.0
-    state.gap[points], state.gap_offset[points] = coming.between[chosen], 0.0
+    state.gap[points] = coming.between[chosen]
     state.contact_force[points], state.normal_force[points], state.x_rate[points] = 0.0, 0.0, 0.0
     state.pulling_time[points] = 0.0
     for yarn in np.unique(model.node_yarn[nodes]):

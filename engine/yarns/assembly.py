@@ -178,7 +178,6 @@ class YarnAssembly:
             order=np.arange(nodes, dtype=np.int64), eil=np.zeros(nodes, np.bool_), active=point["active"].copy(),
             parting=np.zeros(points, np.bool_),
             anchor=u.copy(), normal_force=np.zeros(points), contact_force=np.zeros((points, 3)), gap=np.zeros((points, 3)),
-            gap_offset=np.zeros((points, 3)),
             pulling_time=np.zeros(points),
             obstacle_anchor=x.copy(), obstacle_force=np.zeros(points),
         )

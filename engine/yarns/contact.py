@@ -1,50 +1,32 @@
 """The contact constraint at EIL nodes, as a soft one (Sánchez-Banderas 2020, secs. 3.3 and 4.2).
 
 An EIL node b between its EoL neighbours a and c stands at X = (1 - s) x_a + s x_c, s = (u_b - u_a) / (u_c - u_a).
-With g = X - X_partner - o the energy is m.g + k_c g.W g / 2, where W is the identity but beside held points
+With g = X - X_partner the energy is m.g + k_c g.W g / 2, where W is the identity but beside held points
 (`engine.yarns.leverage`); the partner is the EoL node or the fixed object at the same point, or another EIL node. The
 force on X reaches the free coordinates through the Jacobian of the interpolation.
 
 k_c makes the linear systems hard when it is large. So it is moderate, and where the gap that is left exceeds its
 tolerance the multiplier m takes over the force, m <- m + k_c W g, and Newton goes on (augmented Lagrangian).
 
-Where a node of a bent yarn becomes EIL, its yarn is straightened and leaves its partners. The offset o takes up that jump
-of the gap, and m starts as the force of the contact before, so that neither the constraint's force nor its energy jumps;
-o then fades.
+Where a node of a bent yarn becomes EIL, its yarn is straightened and leaves its partners: the gap closes within the step. m
+starts as the force of the contact before.
 """
 
 import numpy as np
 from numba import njit, prange
 
 from engine.linalg.block_matrix import BLOCK, locate
-from engine.yarns.model import PointKind, YarnModel, YarnState
-from engine.yarns.topology import Chain
-
-
-def absorb_jumps(model: YarnModel, state: YarnState, chain: Chain) -> None:
-    """Add to the offsets what a new assignment, whose chain is given, has changed in the gaps of EIL contacts."""
-    first, second = model.point_nodes.T
-    has_eil = (state.eil[first] | ((second >= 0) & state.eil[second])) & (model.point_kind != PointKind.LAGRANGIAN)
-    points = np.flatnonzero(has_eil & state.active)
-    gap = np.zeros((model.point_count, 3))
-    add_gradient(points, model.point_nodes, state.eil, chain.before, chain.after, model.node_point,
-                 np.zeros(model.point_count), np.zeros((model.point_count, 3, 3)), np.zeros_like(gap), np.zeros_like(gap),
-                 state.x, state.u, np.zeros((model.node_count, 4)), gap)
-    jump = gap[points] - state.gap[points]
-    offset = state.gap_offset[points] + jump
-    state.gap_offset[:] = 0.0
-    state.gap_offset[points] = offset
 
 
 @njit(cache=True, error_model="numpy")
 def add_gradient(
-    points, point_nodes, eil, before, after, node_point, stiffness, shape, multiplier, offset, x, u, gradient, gap
+    points, point_nodes, eil, before, after, node_point, stiffness, shape, multiplier, x, u, gradient, gap
 ):
     """Add the gradient to `gradient` [N, 4], write g to `gap` [P, 3] and return the energy [J].
 
     `points` are the points with at least one EIL node; `stiffness` [P] is k_c, `shape` [P, 3, 3] is W,
-    `multiplier` [P, 3] is m [N], `offset` [P, 3] is o [m]. A partner that is EoL takes its share on its own node, a fixed
-    object on the EIL node's: both end up on the point.
+    `multiplier` [P, 3] is m [N]. A partner that is EoL takes its share on its own node, a fixed object on the EIL node's:
+    both end up on the point.
     """
     energy = 0.0
     place, w = np.empty((2, 3)), np.empty((2, 3))
@@ -60,7 +42,7 @@ def add_gradient(
                 for k in range(3):
                     place[side, k] = x[p, k]
         for k in range(3):
-            gap[p, k] = place[0, k] - place[1, k] - offset[p, k]
+            gap[p, k] = place[0, k] - place[1, k]
         _resist(multiplier[p], stiffness[p], shape[p], gap[p], force)
         for k in range(3):
             energy += 0.5 * (multiplier[p, k] + force[k]) * gap[p, k]
@@ -86,7 +68,7 @@ def add_gradient(
 
 @njit(cache=True, error_model="numpy")
 def add_hessian(
-    points, point_nodes, eil, before, after, node_point, node_slot, stiffness, shape, multiplier, offset, x, u, convex,
+    points, point_nodes, eil, before, after, node_point, node_slot, stiffness, shape, multiplier, x, u, convex,
     sliding, row, condensed, start, column, block, inverse, coupling,
 ):
     """Add k_c J^T W J and, where no point of it is `convex` [P], the force times d2X.
@@ -139,7 +121,7 @@ def add_hessian(
                         for b in range(entries):
                             local[index[k, a], index[m, b]] += resistance * value[k, a] * value[m, b]
         for k in range(3):
-            gap[k] = place[0, k] - place[1, k] - offset[p, k]
+            gap[k] = place[0, k] - place[1, k]
         _resist(multiplier[p], stiffness[p], shape[p], gap, force)
         first = 1
         for side in range(2):
@@ -164,16 +146,16 @@ def add_hessian(
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def add_gradient_in_parts(
-    points, part, point_nodes, eil, before, after, node_point, stiffness, shape, multiplier, offset, x, u, gradient, gap
+    points, part, point_nodes, eil, before, after, node_point, stiffness, shape, multiplier, x, u, gradient, gap
 ):
     """As `add_gradient`, with the parts points[part[s]:part[s+1]], which share no node, at once and the rest after them."""
     parts = len(part) - 1
     energy = np.zeros(parts)
     for s in prange(parts):
         energy[s] = add_gradient(points[part[s] : part[s + 1]], point_nodes, eil, before, after, node_point, stiffness,
-                                 shape, multiplier, offset, x, u, gradient, gap)
+                                 shape, multiplier, x, u, gradient, gap)
     total = add_gradient(points[part[parts] :], point_nodes, eil, before, after, node_point, stiffness, shape, multiplier,
-                         offset, x, u, gradient, gap)
+                         x, u, gradient, gap)
     for s in range(parts):
         total += energy[s]
     return total
@@ -181,7 +163,7 @@ def add_gradient_in_parts(
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def add_hessian_in_parts(
-    points, part, point_nodes, eil, before, after, node_point, node_slot, stiffness, shape, multiplier, offset, x, u, convex,
+    points, part, point_nodes, eil, before, after, node_point, node_slot, stiffness, shape, multiplier, x, u, convex,
     sliding, row, condensed, start, column, block, inverse, coupling,
 ):
     """As `add_hessian`, with the parts points[part[s]:part[s+1]], which share no row, at once and the rest after them."""
@@ -190,9 +172,9 @@ def add_hessian_in_parts(
     for s in prange(parts):
         positive[s] = add_hessian(
             points[part[s] : part[s + 1]], point_nodes, eil, before, after, node_point, node_slot, stiffness, shape,
-            multiplier, offset, x, u, convex, sliding, row, condensed, start, column, block, inverse, coupling)
+            multiplier, x, u, convex, sliding, row, condensed, start, column, block, inverse, coupling)
     positive[parts] = add_hessian(
-        points[part[parts] :], point_nodes, eil, before, after, node_point, node_slot, stiffness, shape, multiplier, offset,
+        points[part[parts] :], point_nodes, eil, before, after, node_point, node_slot, stiffness, shape, multiplier,
         x, u, convex, sliding, row, condensed, start, column, block, inverse, coupling)
     return positive.all()
 

@@ -101,8 +101,8 @@ class YarnState:
     """All that changes in time; a checkpoint is exactly these arrays."""
 
     OF_NODES: ClassVar = ("u", "u_rate", "velocity", "order", "eil", "anchor")
-    OF_POINTS: ClassVar = ("x", "x_rate", "active", "parting", "normal_force", "contact_force", "gap", "gap_offset",
-                           "pulling_time", "obstacle_anchor", "obstacle_force")
+    OF_POINTS: ClassVar = ("x", "x_rate", "active", "parting", "normal_force", "contact_force", "gap", "pulling_time",
+                           "obstacle_anchor", "obstacle_force")
 
     x: Floats  # Lagrangian coordinates of points [m], shape [P, 3]
     u: Floats  # Eulerian coordinates of nodes [m], shape [N]
@@ -117,7 +117,6 @@ class YarnState:
     normal_force: Floats  # F_n at points, of the last step; negative where yarns pull [N], shape [P]
     contact_force: Floats  # force between the two sides of each point in the last step [N], shape [P, 3]
     gap: Floats  # between the two sides of EIL contacts [m], shape [P, 3]
-    gap_offset: Floats  # the part of the gap that comes from new assignments, fading [m], shape [P, 3]
     pulling_time: Floats  # for which a contact has pulled without a break [s], shape [P]
     obstacle_anchor: Floats  # friction anchor of x on an obstacle [m], shape [P, 3]
     obstacle_force: Floats  # normal force of obstacles in the last step [N], shape [P]

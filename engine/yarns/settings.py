@@ -11,7 +11,6 @@ class YarnSettings:
     safety_distance: float = 0.1  # EoL nodes keep this far apart, in rest segments (Sánchez-Banderas 2020, sec. 4.1)
     constraint_factor: float = 3.0  # k_c of EIL contacts over k_s / rest segment (sec. 4.2 uses 1000)
     gap_tolerance: float = 5e-4  # gap of EIL contacts that is left, in yarn radii
-    transition_time: float = 1e-5  # in which the gap of a contact that becomes EIL fades by 1/e [s]; longer is smoother
     friction_law: Literal["isotropic", "box"] = "isotropic"  # limits of two yarns: on their slip, or one along each
     friction_factor: float = 0.1  # stiffness of friction anchors over k_s / rest segment
     parallel_factor: float = 1.0  # stiffness of contact of parallel yarns of a fabric over k_s / rest segment

@@ -20,7 +20,7 @@ from engine.yarns.topology import Chain, chain_of, standing
 
 H = 0.1
 SETTINGS = YarnSettings(
-    constraint_factor=3.0, friction_factor=0.5, obstacle_factor=2.0, gauge=0.1, transition_time=0.3)
+    constraint_factor=3.0, friction_factor=0.5, obstacle_factor=2.0, gauge=0.1)
 MATERIAL = YarnMaterial(radius=0.1, density=1.3, stretch_stiffness=2.0, bending_stiffness=0.5, shear_stiffness=0.7,
                         mass_damping=0.2, stretch_damping=0.3)
 GRAVITY = np.array([0.3, -0.2, -1.0])
@@ -220,7 +220,6 @@ def _stir(rng, model, state):
     state.anchor = state.u + rng.normal(scale=0.1, size=len(state.u))
     state.normal_force = rng.uniform(0.0, 0.6, len(state.x))
     state.gap = rng.normal(scale=0.02, size=state.x.shape)
-    state.gap_offset = rng.normal(scale=0.02, size=state.x.shape)
     state.contact_force = rng.normal(scale=0.2, size=state.x.shape)
     state.obstacle_anchor = state.x + rng.normal(scale=0.08, size=state.x.shape)
     state.obstacle_force = rng.uniform(0.0, 1.0, len(state.x))

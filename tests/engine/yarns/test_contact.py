@@ -1,32 +1,12 @@
-"""What surrounds the energy of EIL contacts: jumps of gaps at new assignments, places of interpolated points."""
-
-from dataclasses import replace
+"""What surrounds the energy of EIL contacts: places of interpolated points."""
 
 import numpy as np
 import pytest
 
 from engine.yarns import contact
-from tests.engine.yarns.stacks import SETTINGS, H, random_stack
+from tests.engine.yarns.stacks import random_stack
 
 EVERY_SEED = pytest.mark.parametrize("seed", range(3))
-
-
-def gap_at_start(stack):
-    """What the constraint of the next step sees at its start, before offsets have faded."""
-    potential = stack.potential(replace(SETTINGS, transition_time=1e9 * H))
-    potential.internal(stack.state.x, stack.state.u)
-    return potential.split, potential.gap
-
-
-@EVERY_SEED
-def test_the_gap_of_a_constraint_does_not_jump_with_the_assignment(seed):
-    stack = random_stack(seed)
-    state = stack.state
-    before = state.gap - state.gap_offset
-    contact.absorb_jumps(stack.model, state, stack.chain)
-    split, gap = gap_at_start(stack)
-    np.testing.assert_allclose(gap[split], before[split], atol=1e-8)
-    assert not np.delete(state.gap_offset, split, axis=0).any()  # what is EoL has no gap that could fade
 
 
 @EVERY_SEED
