@@ -42,9 +42,11 @@ import sys
 from engine.run.compile_cache import prepare_compile_cache
 prepare_compile_cache()
 from pathlib import Path
+from engine.run.compile_ahead import compile_ahead
 from engine.run.simulation import run
 from engine.scene.load import load_scene, shipped_scenes
 scene = load_scene(shipped_scenes()["quickstart"])
+compile_ahead(scene)
 run(scene, Path(sys.argv[1]), until=1 / scene.fps, on_frame=lambda frame: print(frame.index, flush=True))
 """
 

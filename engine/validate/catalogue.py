@@ -6,6 +6,7 @@ here, from its bar, so that no case can be its own judge.
 
 import importlib
 import pkgutil
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from math import isfinite
@@ -71,6 +72,17 @@ def case(
         return measure
 
     return register
+
+
+def timed_rows(knob: str, values: Sequence[float], error: Callable[[float], float]) -> list[Row]:
+    """Return one row for each of the knob's values, after an untimed run of the first, which compiles the kernels."""
+    error(values[0])
+    rows = []
+    for value in values:
+        start = time.perf_counter()
+        measured = error(value)
+        rows.append(Row(knob, value, measured, time.perf_counter() - start))
+    return rows
 
 
 def cases() -> dict[str, Case]:

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from engine.arrays import Floats
-from engine.validate.catalogue import CaseResult, case
+from engine.validate.catalogue import CaseResult, case, timed_rows
 from engine.validate.fit import fitted_exponent
-from engine.validate.rods import DOWN, EARTH, WEIGHTLESS, march, stepper, tensions, timed_rows
+from engine.validate.rods import DOWN, EARTH, WEIGHTLESS, march, stepper, tensions
 from engine.yarns import observe
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
 from engine.yarns.handles import Handles

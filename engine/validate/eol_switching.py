@@ -9,9 +9,9 @@ from scipy.optimize import minimize_scalar
 from engine.arrays import Floats
 from engine.contact.obstacles import motion
 from engine.steppers.incremental_potential import IncrementalPotential
-from engine.validate.catalogue import CaseResult, Row, case
+from engine.validate.catalogue import CaseResult, Row, case, timed_rows
 from engine.validate.fit import fitted_exponent
-from engine.validate.rods import DOWN, WEIGHTLESS, march, stepper, timed_rows
+from engine.validate.rods import DOWN, WEIGHTLESS, march, stepper
 from engine.yarns import observe
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
 from engine.yarns.model import YarnModel, YarnState

@@ -1,7 +1,6 @@
-"""What the cases of Eulerian-on-Lagrangian rods share: surroundings, marching in time, timed rows."""
+"""What the cases of Eulerian-on-Lagrangian rods share: surroundings, marching in time."""
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,6 @@ import numpy as np
 from engine.arrays import Floats
 from engine.contact.obstacles import Obstacles
 from engine.steppers.yarns import YarnStepper
-from engine.validate.catalogue import Row
 from engine.yarns import observe
 from engine.yarns.handles import Handles, no_handles
 from engine.yarns.model import YarnModel, YarnState
@@ -33,17 +31,6 @@ def march(yarns: YarnStepper, state: YarnState, duration: float, h: float) -> It
         if not report.accepted:
             raise RuntimeError(f"step {step} of {h:.3g} s: {report.reason}, residual {report.residual:.3g}")
         yield (step + 1) * h
-
-
-def timed_rows(knob: str, values: Sequence[float], error: Callable[[float], float]) -> list[Row]:
-    """Return one row for each of the knob's values, after an untimed run of the first, which compiles the kernels."""
-    error(values[0])
-    rows = []
-    for value in values:
-        start = time.perf_counter()
-        measured = error(value)
-        rows.append(Row(knob, value, measured, time.perf_counter() - start))
-    return rows
 
 
 def tensions(model: YarnModel, state: YarnState) -> Floats:

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import root
 
 from engine.arrays import Floats
-from engine.validate.catalogue import CaseResult, case
-from engine.validate.rods import WEIGHTLESS, march, stepper, timed_rows
+from engine.validate.catalogue import CaseResult, case, timed_rows
+from engine.validate.rods import WEIGHTLESS, march, stepper
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
 from engine.yarns.handles import Handles
 from engine.yarns.model import YarnModel, YarnState

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from engine.arrays import Floats
-from engine.validate.catalogue import CaseResult, case
-from engine.validate.rods import WEIGHTLESS, stepper, timed_rows
+from engine.validate.catalogue import CaseResult, case, timed_rows
+from engine.validate.rods import WEIGHTLESS, stepper
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
 from engine.yarns.handles import Handles
 from engine.yarns.normal_force import crimp_force
