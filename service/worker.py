@@ -95,7 +95,7 @@ def run_job(data: Path, job: str, fence: int, threads: int) -> int:
     stop = []
     signal.signal(signal.SIGTERM, lambda *_: stop.append(True))
     scene = load_scene(directory / "scene.json")
-    compile_ahead(scene)
+    compile_ahead(scene, threads)
     progress = ProgressWriter(store, job, fence)
     recorder = Recorder(scene, directory)
     try:

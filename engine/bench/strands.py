@@ -1,6 +1,7 @@
 """Strands: seconds per converged step of hair that swings, against the number of strands and of their vertices."""
 
 from collections.abc import Iterator, Sequence
+from math import isqrt
 from statistics import median
 from time import perf_counter
 
@@ -33,35 +34,36 @@ def measurements(sizes: dict[int, Sequence[int]]) -> Iterator[Measurement]:
 
 
 def of_hair(count: int, vertices: int) -> Measurement:
-    """Return the median time of a step, with the solutions of a strand's linear system that are done in a second."""
+    """Return the median time of a step, with the iterations of a strand and how many of them are done in a second."""
     model, state = hair(count, vertices)
     stepper = StrandStepper(model, GRAVITY)
-    seconds, reports = [], []
+    seconds, reports, directions = [], [], []
     for _ in range(WARM_UP + TIMED):
         began = perf_counter()
         reports.append(stepper.step(state, STEP))
         seconds.append(perf_counter() - began)
+        directions.append(int(stepper.iterations.sum()))
         if not reports[-1].accepted:
             raise RuntimeError(f"a step was rejected: {reports[-1].reason}")
-    iterations = sum(report.newton_iterations for report in reports[WARM_UP:]) / TIMED
-    wanted = median(seconds[WARM_UP:])
+    wanted, solved = median(seconds[WARM_UP:]), sum(directions[WARM_UP:]) / sum(seconds[WARM_UP:])
     multiplications = 4 * vertices * WIDTH * (WIDTH + 1) / 2  # of a factorisation
     return Measurement(
         f"strands of {vertices} vertices", count, wanted, "strands", error=max(report.residual for report in reports[WARM_UP:]),
-        details={"newton": iterations, "factorisations_per_s": count * iterations / wanted,
-                 "factor_gflops": 2e-9 * multiplications * count * iterations / wanted},
+        details={"newton": sum(directions[WARM_UP:]) / (TIMED * count), "directions_per_s": solved,
+                 "factor_gflops": 2e-9 * multiplications * solved},
     )
 
 
 def hair(count: int, vertices: int) -> tuple[StrandModel, StrandState]:
-    """Return so many wavy strands side by side, level, clamped at one end."""
+    """Return so many wavy strands on a square grid, level, clamped at one end."""
     rng = np.random.default_rng(count)
     held = np.zeros((vertices, 4), np.bool_)
     held[:2, :3] = held[0, 3] = True
     along = np.linspace(0.0, LENGTH, vertices)
-    assembly = StrandAssembly()
+    assembly, side = StrandAssembly(), isqrt(count)
     for k in range(count):
         phase, waves = rng.uniform(0, 2 * np.pi), rng.uniform(20, 60)
         wave = 2e-3 * np.array([np.cos(phase + waves * along), np.sin(phase + waves * along)])
-        assembly.strand(np.column_stack([along, wave[0] + 1e-3 * k, wave[1]]), RADIUS, KERATIN, held=held)
+        across, up = 1e-3 * (k // side) + wave[0], 1e-3 * (k % side) + wave[1]
+        assembly.strand(np.column_stack([along, across, up]), RADIUS, KERATIN, held=held)
     return assembly.build()

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def factorise(band):
     """Replace a symmetric matrix by its Cholesky factor; returns whether it is positive definite, else `band` is spoilt."""
     rows, width = band.shape[0], band.shape[1] - 1
@@ -26,7 +26,7 @@ def factorise(band):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def solve(band, b):
     """Replace the right-hand side b [n] by the solution, given the factor."""
     rows, width = band.shape[0], band.shape[1] - 1

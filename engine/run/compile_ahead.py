@@ -19,17 +19,18 @@ if TYPE_CHECKING:
 SCENE = "quickstart"  # has yarns that slide on each other and on obstacles, and is small
 
 
-def compile_ahead(scene: "Scene") -> subprocess.Popen | None:
+def compile_ahead(scene: "Scene", threads: int | None = None) -> subprocess.Popen | None:
     """Start the process for a run of `scene` if the compile cache has no kernel yet, and return it without waiting.
 
-    It ends by itself after half a minute. All that it can lose is time, so what becomes of it does not matter to the run.
-    To be called after `prepare_compile_cache` and before anything is compiled.
+    There is none where the run may use but one of `threads`, or there is one processor. It ends by itself after half a minute.
+    All that it can lose is time, so what becomes of it does not matter to the run. To be called after `prepare_compile_cache` and
+    before anything is compiled.
     """
     from engine.run.threads import available_threads
     from engine.scene.size import estimate
     from engine.steppers.newton_system import precision
 
-    if available_threads() == 1 or any(prepare_compile_cache().rglob("*.nbi")):
+    if (threads or available_threads()) == 1 or any(prepare_compile_cache().rglob("*.nbi")):
         return None
     return subprocess.Popen([sys.executable, "-m", __name__, precision(estimate(scene).points).__name__],
                             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

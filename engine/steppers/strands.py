@@ -10,10 +10,11 @@ from engine.strands import potential
 from engine.strands.loads import StrandLoads, inertia
 from engine.strands.model import StrandModel, StrandState
 
-CHUNK = 16  # strands that are one piece of work
+PIECES = 64  # of work; a strand's result does not depend on them
 ARMIJO = 1e-4  # share of the slope's promise that a step along the direction must keep
 ROUND_OFF = 1e-13  # of the potential, that passes for no change
-SHORTEST = 1e-6  # share of the direction below which there is no descent
+MOST = 1e-6  # of the positive form's largest diagonal entry, that is added to it before there is no descent
+SHORTEST = 1e-6  # share of the longest step below which there is no descent
 EDGE_CHANGE = 0.8  # of its length, at most, that an edge changes in an iteration: so it has a direction and turns by 53 degrees
 
 
@@ -24,10 +25,11 @@ class StrandStepper:
         """Keep what does not change between steps; `gravity` [3] in m/s^2.
 
         Newton ends where no residual force is more than `tolerance` of the largest weight or force within the strand, or than
-        rounding its places makes.
+        rounding its places makes; where this takes more than `max_newton` iterations, the step is rejected.
         """
         self.model, self.tolerance, self.max_newton = model, tolerance, max_newton
         self.gravity = np.asarray(gravity, np.float64)
+        self.iterations = np.zeros(len(model.start) - 1, np.int64)  # of every strand in the last step
 
     def step(
         self, state: StrandState, h: float, loads: StrandLoads | None = None, given: tuple[Floats, Floats] | None = None
@@ -38,22 +40,20 @@ class StrandStepper:
         themselves beyond what being carried along does; without it they stay.
         """
         report, watch = StepReport(), Stopwatch()
-        model, strands = self.model, len(self.model.start) - 1
-        mass, target = inertia(model, state, loads or StrandLoads(), self.gravity, h)
+        strands = len(self.model.start) - 1
+        moved = inertia(self.model, state, loads or StrandLoads(), self.gravity, h)
         x, turn = (state.x, np.zeros(len(state.x))) if given is None else given
         after = StrandState(x.copy(), np.zeros_like(x), np.zeros_like(x), turn.copy(), np.zeros_like(turn))
-        iterations, residual = np.zeros(strands, np.int64), np.zeros(strands)
+        converged, residual = np.zeros(strands, np.bool_), np.full(strands, np.inf)
         watch.lap("predict")
-        advance(model, mass, target, state.x, state.m1, state.spin, state.twist, self.gravity, h, self.tolerance,
-                self.max_newton, after.x, after.m1, after.spin, after.twist, iterations, residual)
+        advance(self.model, moved, state.x, state.m1, state.spin, state.twist, h, self.tolerance, self.max_newton,
+                after.x, after.m1, after.spin, after.twist, converged, self.iterations, residual)
         watch.lap("solve")
-        report.newton_iterations, report.stages = int(iterations.max(initial=0)), watch.laps
+        report.newton_iterations, report.stages = int(self.iterations.max(initial=0)), watch.laps
         report.residual = float(residual.max(initial=0.0))
-        if report.newton_iterations == self.max_newton:
-            report.reason = "Newton did not converge"
-            return report
-        if not np.isfinite(report.residual):
-            report.reason = "the line search found no descent"
+        if not converged.all():
+            most = report.newton_iterations == self.max_newton
+            report.reason = "Newton did not converge" if most else "the line search found no descent"
             return report
         after.velocity = (after.x - state.x) / h
         vars(state).update(vars(after))
@@ -61,9 +61,9 @@ class StrandStepper:
         return report
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def advance(
-    model, mass, target, x0, m1_0, spin0, twist0, gravity, h, tolerance, max_newton, x, m1, spin, twist, iterations, residual
+    model, inertia, x0, m1_0, spin0, twist0, h, tolerance, max_newton, x, m1, spin, twist, converged, iterations, residual
 ):
     """Solve every strand's step from (x0, m1_0, spin0, twist0) into (x, m1, spin, twist).
 
@@ -72,25 +72,25 @@ def advance(
     start = model.start
     strands = len(start) - 1
     longest = (start[1:] - start[:-1]).max()
-    for chunk in prange((strands + CHUNK - 1) // CHUNK):
+    for piece in prange(PIECES):
         step, now, other = potential.step_of(longest), potential.geometry(longest), potential.geometry(longest)
         band, local = np.empty((4 * longest, potential.WIDTH + 1)), np.empty((12, 8))
         g, direction, x_trial = np.empty((longest, 4)), np.empty((longest, 4)), np.empty((longest, 3))
         turn, turned, turned_trial = np.empty(longest), np.empty(longest), np.empty(longest)
-        for s in range(chunk * CHUNK, min((chunk + 1) * CHUNK, strands)):
+        for s in range(piece * strands // PIECES, (piece + 1) * strands // PIECES):
             a, b = start[s], start[s + 1]
             n = b - a
             own, shape = potential.first_of_step(step, n), potential.first_of_geometry(now, n)
-            potential.begin(model, a, mass, target, x0[a:b], m1_0[a:b], spin0[a:b], twist0[a:b], h, own, shape)
+            potential.begin(model, inertia, a, x0[a:b], m1_0[a:b], spin0[a:b], twist0[a:b], h, own, shape)
             vectors = (g[:n], direction[:n], x_trial[:n], turn[:n], turned[:n], turned_trial[:n])
-            iterations[s], residual[s] = newton(
-                own, shape, potential.first_of_geometry(other, n), vectors, band[: 4 * n], local, x0[a:b], gravity, h,
-                tolerance, max_newton, x[a:b], m1[a:b], spin[a:b], twist[a:b])
+            converged[s], iterations[s], residual[s] = newton(
+                own, shape, potential.first_of_geometry(other, n), vectors, band[: 4 * n], local, h, tolerance, max_newton,
+                x[a:b], m1[a:b], spin[a:b], twist[a:b])
 
 
-@njit(cache=True)
-def newton(step, now, trial, vectors, band, local, x0, gravity, h, tolerance, max_newton, x, m1, spin, twist):
-    """Solve one strand's step; returns the iterations and the residual force over the scale of forces.
+@njit(cache=True, error_model="numpy")
+def newton(step, now, trial, vectors, band, local, h, tolerance, max_newton, x, m1, spin, twist):
+    """Solve one strand's step; returns whether it converged, the iterations, and the residual force over the scale of forces.
 
     `now` is its shape at the start; `trial`, `vectors`, `band` [4V, 11] and `local` [12, 8] are memory.
     """
@@ -98,19 +98,24 @@ def newton(step, now, trial, vectors, band, local, x0, gravity, h, tolerance, ma
     for i in range(len(x)):
         for k in range(3):
             if not step.held[i, k]:
-                x[i, k] = x0[i, k]
+                x[i, k] = step.start[i, k]
         turned[i] = turn[i] = spin[i] if step.held[i, 3] else 0.0
     potential.follow(x, turn, now, trial)
     now, trial = trial, now
     value = potential.energy(x, turned, now, step, h)
+    if not np.isfinite(value):
+        return False, 0, np.inf
     iteration = 0
     while True:
         potential.gradient(x, turned, now, step, h, local[0], g)
-        force, scale = largest_force(g, now.length), potential.force_scale(now, step, gravity)
-        if force <= max(tolerance * scale, potential.round_off(x, step, h)) or iteration == max_newton:
+        scale = max(potential.force_scale(now, step), potential.round_off(x, step, h) / tolerance)
+        residual = largest_force(g, now.length) / scale
+        if residual <= tolerance or iteration == max_newton:
             break
         slope = descent(now, step, h, g, local, band, direction)
-        alpha = longest_step(x, direction)
+        alpha = longest = longest_step(x, direction)
+        if not slope < 0.0:
+            return False, iteration, residual
         while True:
             for i in range(len(x)):
                 for k in range(3):
@@ -122,23 +127,32 @@ def newton(step, now, trial, vectors, band, local, x0, gravity, h, tolerance, ma
             if reached <= value + ARMIJO * alpha * slope + ROUND_OFF * abs(value):
                 break
             alpha *= 0.5
-            if alpha < SHORTEST:
-                return iteration, np.inf
+            if alpha < SHORTEST * longest:
+                return False, iteration, residual
         x[:], turned[:] = x_trial, turned_trial
         now, trial, value = trial, now, reached
         iteration += 1
     m1[:-1], spin[:-1], twist[1:-1] = now.m1[:-1], turned[:-1] / h, now.twist[1:-1]
     spin[-1] = 0.0
-    return iteration, force / scale
+    return residual <= tolerance, iteration, residual
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def descent(now, step, h, g, local, band, direction):
-    """Write Newton's direction [V, 4], with the positive form of the Hessian where the true one is not; returns its slope."""
+    """Write Newton's direction [V, 4], with the positive form of the Hessian where the true one is not; returns its slope.
+
+    The slope is infinite where not even the positive form can be factorised.
+    """
     potential.hessian(now, step, h, False, local, band)
     if not banded.factorise(band):
         potential.hessian(now, step, h, True, local, band)
-        banded.factorise(band)
+        shift = potential.EPSILON * band[:, 0].max()
+        while not banded.factorise(band):  # rounding makes it indefinite where an edge is folded
+            potential.hessian(now, step, h, True, local, band)
+            band[:, 0] += shift
+            shift *= 10.0
+            if not shift < MOST * band[:, 0].max():
+                return np.inf
     for i in range(len(g)):
         for k in range(4):
             direction[i, k] = -g[i, k]
@@ -150,7 +164,7 @@ def descent(now, step, h, g, local, band, direction):
     return slope
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def longest_step(x, direction):
     """Share of the direction, 1 at most, within which no edge changes by more than EDGE_CHANGE of its length."""
     share = 1.0
@@ -164,7 +178,7 @@ def longest_step(x, direction):
     return share
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def largest_force(g, length):
     """Largest component of the gradient [V, 4] [N], couples as forces at the edge's length."""
     largest = 0.0

@@ -37,14 +37,14 @@ class StrandAssembly:
 
         `radius` is one number, semi-axes along m1 and m2 [2], or one or two numbers for each edge [n-1, 1 or 2] [m]. m1 of the
         first edge is along what of `normal` [3] is across it, and is carried along the curve without twist. `held` [n, 4]: x,
-        y, z of the vertex, turn of the edge behind it are given.
+        y, z of the vertex, turn of the edge towards the next are given.
         """
         n = len(points)
         axes = np.empty((n, 2))
         axes[:-1] = radius
         axes[-1] = axes[-2]
         shape = _Shape(np.asarray(points if rest is None else rest, float), normal)
-        now = shape if rest is None else _Shape(np.asarray(points, float), normal)
+        now = shape if rest is None else _Shape(np.asarray(points, float), shape.normal_at(points))
         part = _sections(axes, shape.length, material)
         part |= {
             "radius": axes, "rest_length": np.append(shape.length[:-1], 0.0), "damping": np.full(n, material.damping),
@@ -80,9 +80,14 @@ class _Shape:
         for i in range(1, n - 1):
             m1[i] = transport(tuple(m1[i - 1]), tuple(t[i - 1]), tuple(t[i]))
         frames(t, m1, t, np.zeros(n), m1, m2)
-        self.m1, self.kappa = m1, np.zeros((n, 2, 2))
+        self.t, self.m1, self.kappa = t, m1, np.zeros((n, 2, 2))
         bending.curvatures(t, m1, m2, binormal, self.kappa)
-        twists(t, m1, self.twist, self.twist)
+        twists(t, m1, self.twist, np.zeros(n), self.twist)
+
+    def normal_at(self, points: Floats) -> Floats:
+        """Return m1 of the first edge as it is carried without twist to a curve through other `points` [n, 3]."""
+        t = points[1] - points[0]
+        return np.array(transport(tuple(self.m1[0]), tuple(self.t[0]), tuple(t / np.linalg.norm(t))))
 
 
 def _sections(axes: Floats, length: Floats, material: StrandMaterial) -> dict[str, Floats | Flags]:

@@ -12,17 +12,17 @@ f = v.kb and chi = 1 + t0.t1,
 
 which is (A13) for v = m2. What edges do to their frames adds nothing to first order, since kb is across both, and
 (m kb^T + kb m^T) / (2 |e|^2) to second. Edges that fold back on each other have chi = 0, where kb is undefined: FOLD keeps it
-finite, and changes nothing else.
+finite, and changes nothing else: it rises to some million just before, and is 0 at the very fold.
 """
 
 from numba import njit
 
 from engine.geometry.frames import cross, dot, row
 
-FOLD = 1e-12  # added to chi: curvature rises to some million just before an edge folds back
+FOLD = 1e-12  # added to chi
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def curvatures(t, m1, m2, binormal, kappa):
     """Write kb of the inner vertices to `binormal` [V, 3] and (kappa_1, kappa_2) in both frames to `kappa` [V, 2, 2].
 
@@ -39,7 +39,7 @@ def curvatures(t, m1, m2, binormal, kappa):
             kappa[i, j, 1] = -scale * dot(row(m1, i - 1 + j), kb)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(kappa, rest, stiffness):
     """Energy of a strand [J]; `rest` [V, 2, 2] are its kappa at rest, `stiffness` [V, 2] is B [N m]."""
     total = 0.0
@@ -50,7 +50,7 @@ def energy(kappa, rest, stiffness):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def moments(i, j, kappa, rest, stiffness):
     """Derivatives of the energy by kappa_1 and kappa_2 of vertex i in the frame of edge j [N m]."""
     return (
@@ -58,7 +58,7 @@ def moments(i, j, kappa, rest, stiffness):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def couple(i, j, m1, m2, kappa, rest, stiffness):
     """The vector v whose v.kb varies as the energy of vertex i does by what the frame of edge j sees [N m]."""
     first, second = moments(i, j, kappa, rest, stiffness)
@@ -68,7 +68,7 @@ def couple(i, j, m1, m2, kappa, rest, stiffness):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def slopes(v, f, t0, t1, length0, length1, chi):
     """df/de0 and df/de1 of f = v.kb."""
     a, b = cross(t1, v), cross(v, t0)
@@ -86,7 +86,7 @@ def slopes(v, f, t0, t1, length0, length1, chi):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_gradient(i, t, length, m1, m2, binormal, kappa, rest, stiffness, gradient):
     """Add the derivatives of the energy at vertex i to `gradient` [8]: by e0 and e1 [N], then by g0 and g1 [N m]."""
     t0, t1, kb = row(t, i - 1), row(t, i), row(binormal, i)
@@ -102,7 +102,7 @@ def add_gradient(i, t, length, m1, m2, binormal, kappa, rest, stiffness, gradien
         gradient[6 + j] += first * kappa[i, j, 1] - second * kappa[i, j, 0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_hessian(i, t, length, m1, m2, binormal, kappa, rest, stiffness, positive, strain, hessian):
     """Add the second derivatives of the energy at vertex i to the lower half of `hessian` [8, 8].
 
@@ -127,7 +127,7 @@ def add_hessian(i, t, length, m1, m2, binormal, kappa, rest, stiffness, positive
         _add_curvature(i, t0, t1, length0, length1, kb, chi, m1, m2, kappa, rest, stiffness, strain, hessian)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add_curvature(i, t0, t1, length0, length1, kb, chi, m1, m2, kappa, rest, stiffness, strain, hessian):
     """Add what the second derivatives of the curvatures make; `strain` [4, 8] are the first ones."""
     on_0 = couple(i, 0, m1, m2, kappa, rest, stiffness)

@@ -10,7 +10,7 @@ from numba import njit
 from engine.geometry.frames import across, cross, row, transport
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def edges(x, t, length):
     """Write unit tangents [V, 3] and lengths [V] of the edges between the vertices x [V, 3] [m]."""
     for i in range(len(x) - 1):
@@ -23,7 +23,7 @@ def edges(x, t, length):
             t[i, k] /= length[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def frames(t_before, m1_before, t, turn, m1, m2):
     """Write the material directions of edges [V, 3] that went from tangent t_before to t and turned by `turn` [V] [rad]."""
     for i in range(len(t) - 1):

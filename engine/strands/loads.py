@@ -5,6 +5,7 @@ it there, gravity, given forces and implicit drag included.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,9 +24,18 @@ class StrandLoads:
     film_velocity: Floats | None = None  # of the film along the edges behind vertices, relative to them [m/s], shape [V]
 
 
-def inertia(model: StrandModel, state: StrandState, loads: StrandLoads, gravity: Floats, h: float) -> tuple[Floats, Floats]:
-    """Return the mass [V] [kg] and the place [V, 3] [m] that make sum m |x - place|^2 / (2 h^2) the potential of all loads."""
+class Inertia(NamedTuple):
+    """What makes sum m |x - target|^2 / (2 h^2) the potential of inertia and all loads."""
+
+    mass: Floats  # m, that of drag included [kg], shape [V]
+    target: Floats  # [m], shape [V, 3]
+    weight: Floats  # without drag [N], shape [V]
+
+
+def inertia(model: StrandModel, state: StrandState, loads: StrandLoads, gravity: Floats, h: float) -> Inertia:
+    """Return the inertia of a step of `h` [s] under `loads` and `gravity` [3] [m/s^2]."""
     mass = model.mass if loads.film_mass is None else model.mass + loads.film_mass
+    weight = mass * np.linalg.norm(gravity)
     impulse = mass[:, None] * (state.velocity + h * gravity)
     if loads.force is not None:
         impulse += h * loads.force
@@ -35,13 +45,14 @@ def inertia(model: StrandModel, state: StrandState, loads: StrandLoads, gravity:
         mass = mass + h * loads.drag
         if loads.stream is not None:
             impulse += h * loads.drag[:, None] * loads.stream
-    return mass, state.x + h * impulse / mass[:, None]
+    return Inertia(mass, state.x + h * impulse / mass[:, None], weight)
 
 
 def carried_velocity(model: StrandModel, state: StrandState, film_velocity: Floats, h: float) -> Floats:
     """Return the strand's velocity where the film of each vertex was a step `h` [s] ago, shape [V, 3] (Fei 2019, eq. 14.2).
 
-    Linear between vertices; beyond an end it is that of the end.
+    Linear between vertices; beyond an end it is that of the end. The force that follows is the last one of eq. 13.50; the one
+    in eq. 14.1 is printed with the other sign.
     """
     carried = np.empty_like(state.velocity)
     for first, last in zip(model.start[:-1], model.start[1:], strict=True):

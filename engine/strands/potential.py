@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from engine.arrays import Flags, Floats
-from engine.geometry.frames import cross, row
+from engine.geometry.frames import across, cross, row
 from engine.strands import bending, stretching, twisting
 from engine.strands.kinematics import edges, frames
 
@@ -33,8 +33,10 @@ class Geometry(NamedTuple):
 class Step(NamedTuple):
     """What stays in the step of a strand: where inertia takes it, stiffnesses and rest strains with friction's share."""
 
-    mass: Floats  # [kg], shape [V]
-    target: Floats  # of vertices [m], shape [V, 3]
+    mass: Floats  # with that of drag [kg], shape [V]
+    weight: Floats  # [N], shape [V]
+    start: Floats  # places of vertices before the step [m], shape [V, 3]
+    target: Floats  # where inertia alone takes them [m], shape [V, 3]
     spin_inertia: Floats  # [kg m^2], shape [V]
     spun: Floats  # turns of edges that inertia would make [rad], shape [V]
     stretch_stiffness: Floats  # [N/m], shape [V]
@@ -46,58 +48,61 @@ class Step(NamedTuple):
     held: Flags  # shape [V, 4]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def geometry(n):
     """Memory for the shape of a strand of n vertices."""
     return Geometry(np.empty((n, 3)), np.empty(n), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 2, 2)),
                     np.zeros(n))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def first_of_geometry(g, n):
     """The part of longer memory that a strand of n vertices needs."""
     return Geometry(g.t[:n], g.length[:n], g.m1[:n], g.m2[:n], g.binormal[:n], g.kappa[:n], g.twist[:n])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_of(n):
     """Memory for the step of a strand of n vertices."""
-    return Step(np.empty(n), np.empty((n, 3)), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((n, 2)),
-                np.empty((n, 2, 2)), np.empty(n), np.empty(n), np.empty((n, 4), np.bool_))
+    return Step(np.empty(n), np.empty(n), np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n), np.empty(n), np.empty(n),
+                np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(n), np.empty(n), np.empty((n, 4), np.bool_))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def first_of_step(s, n):
     """The part of longer memory that a strand of n vertices needs."""
-    return Step(s.mass[:n], s.target[:n], s.spin_inertia[:n], s.spun[:n], s.stretch_stiffness[:n], s.rest_length[:n],
-                s.bending_stiffness[:n], s.rest_curvature[:n], s.twist_stiffness[:n], s.rest_twist[:n], s.held[:n])
+    return Step(s.mass[:n], s.weight[:n], s.start[:n], s.target[:n], s.spin_inertia[:n], s.spun[:n], s.stretch_stiffness[:n],
+                s.rest_length[:n], s.bending_stiffness[:n], s.rest_curvature[:n], s.twist_stiffness[:n], s.rest_twist[:n],
+                s.held[:n])
 
 
-@njit(cache=True)
-def begin(model, first, mass, target, x, m1, spin, twist, h, step, now):
+@njit(cache=True, error_model="numpy")
+def begin(model, inertia, first, x, m1, spin, twist, h, step, now):
     """Write what stays in the step of a strand to `step`, and its shape at the start to `now`.
 
-    Its first vertex is number `first` of `model`, of whose vertices `mass` and `target` are those that
-    `engine.strands.loads.inertia` gives; x, m1, spin and twist are the strand's own.
+    Its first vertex is number `first` of `model` and of its `inertia`; x, m1, spin and twist are the strand's own.
     """
     edges(x, now.t, now.length)
-    now.m1[:], now.twist[:] = m1, twist
+    now.twist[:] = twist
     for i in range(len(x) - 1):
-        second = cross(row(now.t, i), row(m1, i))
+        tangent = row(now.t, i)
+        one = across(row(m1, i), tangent)
+        two = cross(tangent, one)
         for k in range(3):
-            now.m2[i, k] = second[k]
-    bending.curvatures(now.t, m1, now.m2, now.binormal, now.kappa)
+            now.m1[i, k], now.m2[i, k] = one[k], two[k]
+    bending.curvatures(now.t, now.m1, now.m2, now.binormal, now.kappa)
     for i in range(len(x)):
         v = first + i
         share = model.damping[v] / h
         whole = 1.0 + share
-        step.mass[i], step.spin_inertia[i], step.spun[i] = mass[v], model.spin_inertia[v], h * spin[i]
+        step.mass[i], step.weight[i] = inertia.mass[v], inertia.weight[v]
+        step.spin_inertia[i], step.spun[i] = model.spin_inertia[v], h * spin[i]
         step.stretch_stiffness[i] = whole * model.stretch_stiffness[v]
         step.rest_length[i] = (model.rest_length[v] + share * now.length[i]) / whole
         step.twist_stiffness[i] = whole * model.twist_stiffness[v]
         step.rest_twist[i] = (model.rest_twist[v] + share * twist[i]) / whole
         for k in range(3):
-            step.target[i, k] = target[v, k]
+            step.start[i, k], step.target[i, k] = x[i, k], inertia.target[v, k]
         for k in range(4):
             step.held[i, k] = model.held[v, k]
         for j in range(2):
@@ -106,22 +111,19 @@ def begin(model, first, mass, target, x, m1, spin, twist, h, step, now):
                 step.rest_curvature[i, j, c] = (model.rest_curvature[v, j, c] + share * now.kappa[i, j, c]) / whole
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def follow(x, turn, before, now):
     """Write the shape `now` of a strand whose vertices went to x [V, 3] and whose edges turned by `turn` [V] since `before`."""
     edges(x, now.t, now.length)
     frames(before.t, before.m1, now.t, turn, now.m1, now.m2)
     bending.curvatures(now.t, now.m1, now.m2, now.binormal, now.kappa)
-    twisting.twists(now.t, now.m1, before.twist, now.twist)
+    twisting.twists(now.t, now.m1, before.twist, turn, now.twist)
 
 
-@njit(cache=True)
-def force_scale(now, step, gravity):
+@njit(cache=True, error_model="numpy")
+def force_scale(now, step):
     """Largest weight of a vertex, or force within the strand [N]."""
-    weight = np.sqrt(gravity[0] ** 2 + gravity[1] ** 2 + gravity[2] ** 2)
-    scale = 1e-300
-    for i in range(len(step.mass)):
-        scale = max(scale, step.mass[i] * weight)
+    scale = step.weight.max()
     for i in range(len(step.mass) - 1):
         scale = max(scale, step.stretch_stiffness[i] * abs(now.length[i] - step.rest_length[i]))
     for i in range(1, len(step.mass) - 1):
@@ -132,7 +134,7 @@ def force_scale(now, step, gravity):
     return scale
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def round_off(x, step, h):
     """What rounding the places x [V, 3] changes of the forces of stretch and inertia [N]: no iteration finds smaller ones."""
     extent = 0.0
@@ -142,15 +144,19 @@ def round_off(x, step, h):
     return 4.0 * EPSILON * extent * max(step.stretch_stiffness.max(), step.mass.max() / (h * h))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(x, turned, now, step, h):
-    """Incremental potential [J] at x [V, 3] and the angles `turned` [V] since the start of the step, with the shape `now`."""
+    """Incremental potential [J] at x [V, 3] and the angles `turned` [V] since the start of the step, with the shape `now`.
+
+    That of inertia counts from the start of the step: in long steps it would drown that of elasticity.
+    """
     inertia = 0.0
     for i in range(len(x)):
         for k in range(3):
-            inertia += step.mass[i] * (x[i, k] - step.target[i, k]) ** 2
+            moved = x[i, k] - step.start[i, k]
+            inertia += step.mass[i] * moved * (moved - 2.0 * (step.target[i, k] - step.start[i, k]))
     for i in range(len(x) - 1):
-        inertia += step.spin_inertia[i] * (turned[i] - step.spun[i]) ** 2
+        inertia += step.spin_inertia[i] * turned[i] * (turned[i] - 2.0 * step.spun[i])
     return (
         0.5 * inertia / (h * h)
         + stretching.energy(now.length, step.rest_length, step.stretch_stiffness)
@@ -159,7 +165,7 @@ def energy(x, turned, now, step, h):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def gradient(x, turned, now, step, h, local, g):
     """Write the gradient of `energy` by x [N] and turns [N m] to g [V, 4], 0 where they are held; `local` [8] is memory."""
     vertices = len(x)
@@ -190,7 +196,7 @@ def gradient(x, turned, now, step, h, local, g):
                 g[i, k] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def hessian(now, step, h, positive, local, band):
     """Write the Hessian of `energy` to `band` [4V, 11], as identity where unknowns are held, or its `positive` form.
 
@@ -220,7 +226,7 @@ def hessian(now, step, h, positive, local, band):
                 _hold(4 * i + k, band)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add_edge(first, local, band):
     """Add second derivatives, lower half of `local` [3, 3], by an edge; `first` is the first unknown of its first vertex."""
     for a in range(3):
@@ -232,7 +238,7 @@ def _add_edge(first, local, band):
             band[first + 4 + a, 4 + a - b] -= value
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add_vertex(first, local, band):
     """Add second derivatives, lower half of `local` [8, 8], by two edges and their turns; `first` is as in `_add_edge`."""
     for a in range(3):
@@ -257,7 +263,7 @@ def _add_vertex(first, local, band):
             _add(turn, first + 8 + a, by_1, band)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add(row, column, value, band):
     if row >= column:
         band[row, row - column] += value
@@ -265,7 +271,7 @@ def _add(row, column, value, band):
         band[column, column - row] += value
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _hold(row, band):
     """Make a row and its column those of the identity."""
     band[row, :] = 0.0

@@ -3,7 +3,7 @@
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(length, rest, stiffness):
     """Energy of a strand [J]; `length` and `rest` [V] are those of edges [m], `stiffness` [V] is E A / l [N/m]."""
     total = 0.0
@@ -12,7 +12,7 @@ def energy(length, rest, stiffness):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_gradient(i, t, length, rest, stiffness, gradient):
     """Add the derivative of the energy of edge i by the edge to `gradient` [3] [N]."""
     tension = stiffness[i] * (length[i] - rest[i])
@@ -20,7 +20,7 @@ def add_gradient(i, t, length, rest, stiffness, gradient):
         gradient[k] += tension * t[i, k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_hessian(i, t, length, rest, stiffness, positive, hessian):
     """Add the second derivative of the energy of edge i by the edge to the lower half of `hessian` [3, 3].
 

@@ -13,16 +13,20 @@ from engine.geometry.frames import angle_about, dot, row, transport
 from engine.strands.bending import FOLD
 
 
-@njit(cache=True)
-def twists(t, m1, before, twist):
-    """Write tau of the inner vertices to `twist` [V], of all that differ by whole turns the nearest to `before` [V] [rad]."""
+@njit(cache=True, error_model="numpy")
+def twists(t, m1, before, turn, twist):
+    """Write tau of the inner vertices to `twist` [V] [rad].
+
+    Of all that differ by whole turns it is the nearest to that `before` [V], changed by the turns of the edges since, `turn` [V].
+    """
     for i in range(1, len(t) - 1):
         carried = transport(row(m1, i - 1), row(t, i - 1), row(t, i))
         angle = angle_about(row(t, i), carried, row(m1, i))
-        twist[i] = angle + 2.0 * np.pi * np.round((before[i] - angle) / (2.0 * np.pi))
+        expected = before[i] + turn[i] - turn[i - 1]
+        twist[i] = angle + 2.0 * np.pi * np.round((expected - angle) / (2.0 * np.pi))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(twist, rest, stiffness):
     """Energy of a strand [J]; `rest` [V] is tau at rest, `stiffness` [V] is G J / l [N m]."""
     total = 0.0
@@ -31,7 +35,7 @@ def energy(twist, rest, stiffness):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_gradient(i, length, binormal, twist, rest, stiffness, gradient):
     """Add the derivatives of the energy at vertex i to `gradient` [8]: by e0 and e1 [N], then by g0 and g1 [N m]."""
     moment = stiffness[i] * (twist[i] - rest[i])
@@ -42,7 +46,7 @@ def add_gradient(i, length, binormal, twist, rest, stiffness, gradient):
     gradient[7] += moment
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_hessian(i, t, length, binormal, twist, rest, stiffness, positive, hessian):
     """Add the second derivatives of the energy at vertex i to the lower half of `hessian` [8, 8].
 

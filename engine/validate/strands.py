@@ -7,7 +7,7 @@ from engine.arrays import Flags, Floats
 from engine.steppers.strands import StrandStepper
 from engine.strands import potential
 from engine.strands.assembly import StrandAssembly, StrandMaterial
-from engine.strands.loads import StrandLoads
+from engine.strands.loads import Inertia, StrandLoads
 from engine.strands.model import StrandModel, StrandState
 
 EARTH = 9.81  # gravity [m/s^2]
@@ -47,13 +47,17 @@ def stiffness(model: StrandModel, state: StrandState) -> Floats:
     """Return the Hessian of the elastic energy of a single strand, held unknowns as identity, as `banded` has it [4V, 11]."""
     vertices = len(state.x)
     step, now, band = potential.step_of(vertices), potential.geometry(vertices), np.empty((4 * vertices, potential.WIDTH + 1))
-    potential.begin(model, 0, model.mass, state.x, state.x, state.m1, state.spin, state.twist, FOREVER, step, now)
+    inertia = Inertia(model.mass, state.x, model.mass)
+    potential.begin(model, inertia, 0, state.x, state.m1, state.spin, state.twist, FOREVER, step, now)
     potential.hessian(now, step, FOREVER, False, np.empty((12, 8)), band)
     return band
 
 
 def least_stiffness(model: StrandModel, state: StrandState, which: Flags | None = None) -> float:
-    """Return the lowest eigenvalue of the stiffness [N/m]; only of the unknowns `which` [V, 4] where given."""
+    """Return the lowest eigenvalue of the stiffness, of the unknowns `which` [V, 4] only where given.
+
+    Its sign says whether the shape is stable; its size has no meaning, for the unknowns are lengths and angles.
+    """
     band = stiffness(model, state)
     lower = np.zeros((band.shape[1], len(band)))
     for d in range(band.shape[1]):

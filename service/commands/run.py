@@ -86,7 +86,7 @@ def _simulate(scene: "Scene", target: Path, until: float | None, threads: int | 
     from service.worker import progress_event
     from viewer.recording import Recorder
 
-    compile_ahead(scene)
+    compile_ahead(scene, threads)
     stop: list[bool] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.append(True))

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from engine.strands import bending, potential
-from engine.validate.der_gradients import Chart, H, errors, random_strand
+from engine.strands import bending
+from engine.validate.der_gradients import Chart, H, errors, moved_chart, random_strand
 
 TERMS = {
     "inertia": ("mass", "spin_inertia"), "stretch": ("stretch_stiffness",), "bending": ("bending_stiffness",),
@@ -32,8 +32,23 @@ def test_derivatives_are_those_of_the_energy(term, seed):
 
 
 @pytest.mark.parametrize("seed", range(2))
+def test_derivatives_of_all_with_friction_are_those_of_the_energy_too(seed):
+    of_gradient, of_hessian = errors(moved_chart(seed), 1e-3)
+    assert of_gradient < 1e-8 and of_hessian < 1e-6
+
+
+def test_what_is_held_has_no_force_and_rows_of_the_identity():
+    model, state = random_strand(0)
+    model.held[[0, 3], :2] = model.held[1, 3] = True
+    chart = Chart(model, state, H)
+    rows = np.flatnonzero(model.held.reshape(-1))
+    assert not chart.gradient()[rows].any()
+    np.testing.assert_array_equal(chart.hessian()[rows], np.eye(chart.unknowns)[rows])
+
+
+@pytest.mark.parametrize("seed", range(2))
 def test_friction_is_measured_from_the_shape_at_the_start(seed):
-    """The gradient of friction vanishes there, whatever the elastic forces, and damping stiffens every strain alike."""
+    """Its force vanishes there, whatever the elastic ones; its Hessian is that of as much more stiffness without a strain."""
     model, state = random_strand(seed)
     model = model._replace(mass=0 * model.mass, spin_inertia=0 * model.spin_inertia)
     elastic = Chart(model._replace(damping=0 * model.damping), state, H)
@@ -41,6 +56,8 @@ def test_friction_is_measured_from_the_shape_at_the_start(seed):
     np.testing.assert_allclose(damped.gradient(), elastic.gradient(), atol=1e-12 * np.abs(elastic.gradient()).max())
     positive = elastic.hessian(positive=True)
     assert np.linalg.eigvalsh(positive).min() > -1e-12 * np.abs(positive).max()
+    turns = np.s_[3:-4:4, 3:-4:4]  # of edges: stretch, whose positive form has a limit, takes no part in them
+    np.testing.assert_allclose(damped.hessian(positive=True)[turns], 4 * positive[turns], rtol=1e-9, atol=1e-12)
 
 
 @settings(deadline=None)  # the first example compiles
@@ -88,14 +105,13 @@ def test_curvature_is_twice_the_tangent_of_half_the_angle():
     np.testing.assert_allclose(kappa[1, :, 0], 0.0, atol=1e-12)
 
 
-def test_twist_counts_whole_turns():
+@pytest.mark.parametrize("turn", [np.pi / 2, 4.0, -10.0])
+def test_twist_counts_whole_turns(turn):
+    """However far an edge is turned at once, or in twelve goes."""
     model, state = random_strand(1)
-    chart = Chart(model, state, H)
-    now, turn = chart.now, np.zeros(len(state.x))
-    for quarter in range(1, 13):
-        turn[:] = 0.0
-        turn[2] = np.pi / 2
-        potential.follow(state.x, turn, now, chart.other)
-        now, chart.other = chart.other, now
-        assert now.twist[2] - state.twist[2] == pytest.approx(quarter * np.pi / 2, abs=1e-9)
-    assert now.twist[3] - state.twist[3] == pytest.approx(-6 * np.pi, abs=1e-9)
+    chart, q = Chart(model, state, H), np.zeros(4 * len(state.x))
+    q[4 * 2 + 3] = turn
+    for times in range(1, 13):
+        chart.move(q)
+        assert chart.now.twist[2] - state.twist[2] == pytest.approx(times * turn, abs=1e-9)
+        assert chart.now.twist[3] - state.twist[3] == pytest.approx(-times * turn, abs=1e-9)
