@@ -11,8 +11,8 @@ f = v.kb and chi = 1 + t0.t1,
     df/de0 = (2 t1 x v - f (t0 + t1)) / (|e0| chi),    df/de1 = (2 v x t0 - f (t0 + t1)) / (|e1| chi)
 
 which is (A13) for v = m2. What edges do to their frames adds nothing to first order, since kb is across both, and
-(m kb^T + kb m^T) / (2 |e|^2) to second, which (A23) to (A29) leave out. Edges that fold back on each other have chi = 0, where kb is undefined: FOLD keeps it
-finite, and changes nothing else: it rises to some million just before, and is 0 at the very fold.
+(m kb^T + kb m^T) / (2 |e|^2) to second, which (A23) to (A29) leave out. Edges that fold back on each other have chi = 0, where
+kb is undefined: FOLD keeps it finite and changes nothing else. It rises to some million just before, and is 0 at the very fold.
 """
 
 from numba import njit
