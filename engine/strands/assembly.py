@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.arrays import Flags, Floats
+from engine.arrays import Flags, Floats, Ints
 from engine.geometry.frames import across, transport
 from engine.strands import bending
 from engine.strands.kinematics import edges, frames
@@ -27,17 +27,20 @@ class StrandAssembly:
 
     def __init__(self) -> None:
         """Begin with none."""
-        self._parts: list[dict[str, Floats | Flags]] = []
+        self._parts: list[dict[str, Floats | Flags | Ints]] = []
+        self._groups: list[int] = []
+        self._frictions: list[float] = []
 
     def strand(
         self, points: Floats, radius: Floats | float, material: StrandMaterial, normal: Floats | None = None,
-        rest: Floats | None = None, held: Flags | None = None,
+        rest: Floats | None = None, held: Flags | None = None, handle: int = -1, group: int = 0, friction: float = 0.0,
     ) -> int:
         """Add a strand through `points` [n, 3] [m], at rest there or, where given, through the points `rest`; return its number.
 
         `radius` is one number, semi-axes along m1 and m2 [2], or one or two numbers for each edge [n-1, 1 or 2] [m]. m1 of the
         first edge is along what of `normal` [3] is across it, and is carried along the curve without twist. `held` [n, 4]: x,
-        y, z of the vertex, turn of the edge towards the next are given.
+        y, z of the vertex, turn of the edge towards the next are given; script handle number `handle` carries them, none where
+        that is -1. `friction` is its Coulomb coefficient, `group` says which strands belong together.
         """
         n = len(points)
         axes = np.empty((n, 2))
@@ -50,9 +53,12 @@ class StrandAssembly:
             "radius": axes, "rest_length": np.append(shape.length[:-1], 0.0), "damping": np.full(n, material.damping),
             "rest_curvature": shape.kappa, "rest_twist": shape.twist,
             "held": np.zeros((n, 4), np.bool_) if held is None else held,
+            "handle": np.full(n, handle, np.int64),
             "x": now.x, "m1": now.m1, "twist": now.twist,
         }
         self._parts.append(part)
+        self._groups.append(group)
+        self._frictions.append(friction)
         return len(self._parts) - 1
 
     def build(self) -> tuple[StrandModel, StrandState]:
@@ -63,7 +69,9 @@ class StrandAssembly:
             x=packed.pop("x"), velocity=np.zeros((sum(counts), 3)), m1=packed.pop("m1"), spin=np.zeros(sum(counts)),
             twist=packed.pop("twist"),
         )
-        return StrandModel(start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), **packed), state
+        model = StrandModel(start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), group=np.array(self._groups, np.int64),
+                            friction=np.array(self._frictions, float), **packed)
+        return model, state
 
 
 class _Shape:

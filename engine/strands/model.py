@@ -25,6 +25,9 @@ class StrandModel(NamedTuple):
     rest_twist: Floats  # of vertices [rad], shape [V]
     damping: Floats  # viscous over elastic stiffness, of vertices and edges [s], shape [V]
     held: Flags  # x, y, z of the vertex, turn of the edge are given, shape [V, 4]
+    handle: Ints  # script handle that carries what is held of a vertex and its edge, -1 for none, shape [V]
+    group: Ints  # of strands that belong together, shape [S]
+    friction: Floats  # Coulomb coefficient of a strand, on another the geometric mean of both, shape [S]
 
 
 @dataclass

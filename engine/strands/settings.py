@@ -1,0 +1,20 @@
+"""Numerical settings of the strand method, all of them knobs of speed against error."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class StrandSettings:
+    """Knobs of one implicit Euler step of discrete elastic rods in contact."""
+
+    tolerance: float = 1e-6  # residual force that ends Newton, relative to the largest weight or force within the strand
+    max_newton: int = 50  # iterations after which the step is tried again with half the size
+    contact: Literal["cone", "penalty", "none"] = "cone"  # how strands touch each other and obstacles
+    gap_tolerance: float = 1e-2  # overlap that a step may leave, in radii
+    cone_tolerance: float = 1e-4  # error of Coulomb's law that ends Gauss-Seidel, relative to the contact forces
+    max_sweeps: int = 500  # of Gauss-Seidel over all contacts, before strands are solved again
+    max_rounds: int = 20  # of strands and contacts in turn, after which the step is tried again with half the size
+    penalty_factor: float = 1.0  # stiffness of contact by penalties, over the strands' own stretch stiffness
+    cohesion: float = 0.0  # force that holds strands together which touch [N/m]
+    cohesion_reach: float = 0.0  # distance of their surfaces up to which strands that part are held [m]
