@@ -12,6 +12,7 @@ from engine.steppers.strands import StrandStepper
 from engine.strands.assembly import StrandAssembly, StrandMaterial
 from engine.strands.model import StrandModel, StrandState
 from engine.strands.potential import WIDTH
+from engine.strands.settings import StrandSettings
 
 STEP = 4e-3  # [s]
 WARM_UP, TIMED = 5, 5  # steps; the first ones compile
@@ -36,7 +37,7 @@ def measurements(sizes: dict[int, Sequence[int]]) -> Iterator[Measurement]:
 def of_hair(count: int, vertices: int) -> Measurement:
     """Return the median time of a step, with the iterations of a strand and how many of them are done in a second."""
     model, state = hair(count, vertices)
-    stepper = StrandStepper(model, GRAVITY)
+    stepper = StrandStepper(model, GRAVITY, StrandSettings(contact="none"))
     seconds, reports, directions = [], [], []
     for _ in range(WARM_UP + TIMED):
         began = perf_counter()

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import numpy as np
 from numba import njit
 
 from engine.arrays import Floats, Ints
@@ -29,3 +30,11 @@ def distance_to(solids, o, x, normal):
         return sampled_distance(solids.lattice[o], solids.samples, solids.centre[o], solids.rotation[o], solids.size[o], x,
                                 normal)
     return signed_distance(solids.kind[o], solids.centre[o], solids.rotation[o], solids.size[o], x, normal)
+
+
+def moved_along(begin: Solids, end: Solids, o: int, x: Floats) -> Floats:
+    """Return where places x [n, 3] [m] on solid o at its pose in `begin` are when it is where `end` has it, shape [n, 3]."""
+    if np.array_equal(begin.centre[o], end.centre[o]) and np.array_equal(begin.rotation[o], end.rotation[o]):
+        return x
+    turn = end.rotation[o] @ begin.rotation[o].T
+    return end.centre[o] + (x - begin.centre[o]) @ turn.T

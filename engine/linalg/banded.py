@@ -40,3 +40,14 @@ def solve(band, b):
         b[i] = s
         for d in range(1, min(width, i) + 1):
             b[i - d] -= band[i, d] * s
+
+
+@njit(cache=True, error_model="numpy")
+def multiply(band, x, b):
+    """Write the product b [n] of the matrix, not its factor, with x [n]."""
+    rows, width = band.shape[0], band.shape[1] - 1
+    for i in range(rows):
+        b[i] = band[i, 0] * x[i]
+        for d in range(1, min(width, i) + 1):
+            b[i] += band[i, d] * x[i - d]
+            b[i - d] += band[i, d] * x[i]

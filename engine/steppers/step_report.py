@@ -15,7 +15,8 @@ class StepReport:
     newton_iterations: int = 0
     linear_iterations: int = 0
     residual: float = np.inf  # largest force that is left over, in units of the step's force scale
-    contact_gap: float = 0.0  # largest gap of an EIL contact, in yarn radii
+    contact_gap: float = 0.0  # largest gap of an EIL contact, in yarn radii; of strands, overlap over the distance of touch
+    contacts: int = 0  # of strands that press on each other or on solids
     penetration: float = 0.0  # deepest centre line inside an obstacle, in yarn radii
     collisions: int = 0  # pairs of spheres of a yarn or two that press on each other
     removed: int = 0  # contacts removed at the end of the step

@@ -1,190 +1,146 @@
-"""One implicit Euler step of discrete elastic rods, every strand by a Newton iteration of its own (Fei 2019, sec. 14.1)."""
+"""One implicit Euler step of discrete elastic rods in contact (Fei 2019, sec. 14.1 and algorithm 2).
+
+Strands are solved by Newton iterations of their own under given contact forces, then contact forces by Gauss-Seidel under strands
+that answer as their Hessians say, in turn until both agree: what a step ends with is implicit in elasticity and contact alike.
+"""
+
+from dataclasses import replace
 
 import numpy as np
-from numba import njit, prange
 
-from engine.arrays import Floats
-from engine.linalg import banded
+from engine.arrays import Flags, Floats
+from engine.contact.augmented_lagrangian import displacements, law_error, solve
+from engine.contact.contact_problem import ContactProblem, contact_problem, contact_stiffness
+from engine.contact.obstacles import ObstacleMotion
+from engine.contact.strand_contacts import Contacts, Touching, no_contacts
 from engine.steppers.step_report import StepReport, Stopwatch
-from engine.strands import potential
-from engine.strands.loads import StrandLoads, inertia
+from engine.steppers.strand_linear import linearised
+from engine.steppers.strand_newton import advance
+from engine.strands.loads import Inertia, StrandLoads, inertia
 from engine.strands.model import StrandModel, StrandState
+from engine.strands.settings import StrandSettings
 
-PIECES = 64  # of work; a strand's result does not depend on them
-ARMIJO = 1e-4  # share of the slope's promise that a step along the direction must keep
-ROUND_OFF = 1e-13  # of the potential, that passes for no change
-MOST = 1e-6  # of the positive form's largest diagonal entry, that is added to it before there is no descent
-SHORTEST = 1e-6  # share of the longest step below which there is no descent
-EDGE_CHANGE = 0.8  # of its length, at most, that an edge changes in an iteration: so it has a direction and turns by 53 degrees
+INNER = 0.1  # of the tolerance of contact, to which Gauss-Seidel goes
 
 
 class StrandStepper:
     """Advances strands, one step at a time."""
 
-    def __init__(self, model: StrandModel, gravity: Floats, tolerance: float = 1e-6, max_newton: int = 50):
-        """Keep what does not change between steps; `gravity` [3] in m/s^2.
-
-        Newton ends where no residual force is more than `tolerance` of the largest weight or force within the strand, or than
-        rounding its places makes; where this takes more than `max_newton` iterations, the step is rejected.
-        """
-        self.model, self.tolerance, self.max_newton = model, tolerance, max_newton
+    def __init__(self, model: StrandModel, gravity: Floats, settings: StrandSettings | None = None):
+        """Keep what does not change between steps; `gravity` [3] in m/s^2."""
+        self.model, self.settings = model, settings or StrandSettings()
         self.gravity = np.asarray(gravity, np.float64)
         self.iterations = np.zeros(len(model.start) - 1, np.int64)  # of every strand in the last step
+        self.contacts = no_contacts()  # of the last step
+        self.touching = Touching(model, self.settings.cohesion_reach)
 
     def step(
-        self, state: StrandState, h: float, loads: StrandLoads | None = None, given: tuple[Floats, Floats] | None = None
+        self, state: StrandState, h: float, loads: StrandLoads | None = None, given: tuple[Floats, Floats] | None = None,
+        obstacles: ObstacleMotion | None = None,
     ) -> StepReport:
         """Advance `state` by `h` [s]; a rejected step leaves it as it was.
 
         `given` are the places [V, 3] [m] at which held vertices end, and the angles [V] [rad] by which held edges turn about
         themselves beyond what being carried along does; without it they stay.
         """
-        report, watch = StepReport(), Stopwatch()
-        strands = len(self.model.start) - 1
-        moved = inertia(self.model, state, loads or StrandLoads(), self.gravity, h)
-        x, turn = (state.x, np.zeros(len(state.x))) if given is None else given
-        after = StrandState(x.copy(), np.zeros_like(x), np.zeros_like(x), turn.copy(), np.zeros_like(turn))
-        converged, residual = np.zeros(strands, np.bool_), np.full(strands, np.inf)
+        report, watch, settings = StepReport(), Stopwatch(), self.settings
+        predicted = inertia(self.model, state, loads or StrandLoads(), self.gravity, h)
+        after = self._first_guess(state, given, h)
+        contacts = self._near(state, np.zeros_like(state.x), obstacles, no_contacts())
+        contacts = contacts.with_forces(state.contact_key, state.contact_force)
+        which = np.ones(len(self.iterations), np.bool_)
+        self.iterations[:] = 0
         watch.lap("predict")
-        advance(self.model, moved, state.x, state.m1, state.spin, state.twist, h, self.tolerance, self.max_newton,
-                after.x, after.m1, after.spin, after.twist, converged, self.iterations, residual)
-        watch.lap("solve")
-        report.newton_iterations, report.stages = int(self.iterations.max(initial=0)), watch.laps
-        report.residual = float(residual.max(initial=0.0))
-        if not converged.all():
-            most = report.newton_iterations == self.max_newton
-            report.reason = "Newton did not converge" if most else "the line search found no descent"
+        for _ in range(settings.max_rounds):
+            if len(contacts.edge):
+                problem = contact_problem(contacts, self.touching.strand, state.x, self._pull(contacts))
+                force = np.einsum("cij,cj->ci", problem.frame, contacts.force)
+                strands = linearised(self.model, predicted, problem.strand, state, after, h)
+                stiffness = contact_stiffness(problem, strands.band)
+                answer = solve(strands, problem, stiffness, after.x - state.x, force, INNER * settings.contact_tolerance,
+                               settings.max_contact_rounds)
+                contacts.force[:] = np.einsum("cij,ci->cj", problem.frame, force)
+                report.linear_iterations += answer.linear
+                watch.lap("contact")
+            if not self._solve_strands(_under(predicted, contacts, h), which, state, after, h, report):
+                return report
+            watch.lap("strands")
+            moved = after.x - state.x
+            met = self._near(state, moved, obstacles, contacts)
+            watch.lap("detect")
+            if not len(met.edge) and (not len(contacts.edge) or self._lawful(problem, stiffness, moved, force)):
+                break
+            contacts = contacts.and_also(met)
+            which = self.touching.strands_of(contacts)
+        else:
+            report.reason = "strands and contacts did not agree"
             return report
-        after.velocity = (after.x - state.x) / h
-        vars(state).update(vars(after))
-        report.accepted = True
+        self._commit(state, after, contacts, h, report)
+        report.stages = watch.laps
         return report
 
+    def _first_guess(self, state: StrandState, given: tuple[Floats, Floats] | None, h: float) -> StrandState:
+        """Everything where it was, but what is given where that ends."""
+        if given is None:
+            return replace(state.copy(), spin=np.zeros_like(state.spin))
+        held, (x, turn) = self.model.held, given
+        return replace(state.copy(), x=np.where(held[:, :3], x, state.x), spin=np.where(held[:, 3], turn, 0.0) / h)
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def advance(
-    model, inertia, x0, m1_0, spin0, twist0, h, tolerance, max_newton, x, m1, spin, twist, converged, iterations, residual
-):
-    """Solve every strand's step from (x0, m1_0, spin0, twist0) into (x, m1, spin, twist).
+    def _near(self, state: StrandState, moved: Floats, obstacles: ObstacleMotion | None, known: Contacts) -> Contacts:
+        """Contacts beside those known when vertices move so [V, 3] [m]."""
+        if self.settings.contact == "none":
+            return no_contacts()
+        found = self.touching.between_strands(state.x, moved, known)
+        if obstacles is not None and len(obstacles.friction):
+            found = found.and_also(self.touching.with_solids(state.x, moved, obstacles, known))
+        return found
 
-    Before, x holds the places of held vertices and `spin` the turns of held edges.
-    """
-    start = model.start
-    strands = len(start) - 1
-    longest = (start[1:] - start[:-1]).max()
-    for piece in prange(PIECES):
-        step, now, other = potential.step_of(longest), potential.geometry(longest), potential.geometry(longest)
-        band, local = np.empty((4 * longest, potential.WIDTH + 1)), np.empty((12, 8))
-        g, direction, x_trial = np.empty((longest, 4)), np.empty((longest, 4)), np.empty((longest, 3))
-        turn, turned, turned_trial = np.empty(longest), np.empty(longest), np.empty(longest)
-        for s in range(piece * strands // PIECES, (piece + 1) * strands // PIECES):
-            a, b = start[s], start[s + 1]
-            n = b - a
-            own, shape = potential.first_of_step(step, n), potential.first_of_geometry(now, n)
-            potential.begin(model, inertia, a, x0[a:b], m1_0[a:b], spin0[a:b], twist0[a:b], h, own, shape)
-            vectors = (g[:n], direction[:n], x_trial[:n], turn[:n], turned[:n], turned_trial[:n])
-            converged[s], iterations[s], residual[s] = newton(
-                own, shape, potential.first_of_geometry(other, n), vectors, band[: 4 * n], local, h, tolerance, max_newton,
-                x[a:b], m1[a:b], spin[a:b], twist[a:b])
+    def _solve_strands(
+        self, under: Inertia, which: Flags, before: StrandState, after: StrandState, h: float, report: StepReport
+    ) -> bool:
+        """Solve the strands `which` [S] from what `after` holds; False where one does not converge."""
+        settings = self.settings
+        converged, residual = np.ones(len(which), np.bool_), np.zeros(len(which))
+        advance(self.model, under, which, before.x, before.m1, before.spin, before.twist, h, settings.tolerance,
+                settings.max_newton, after.x, after.m1, after.spin, after.twist, converged, self.iterations, residual)
+        report.newton_iterations = int(self.iterations.max(initial=0))
+        report.residual = float(residual.max(initial=0.0))
+        if not converged.all():
+            most = report.newton_iterations >= settings.max_newton
+            report.reason = "Newton did not converge" if most else "the line search found no descent"
+        return bool(converged.all())
 
+    def _pull(self, contacts: Contacts) -> Floats:
+        """What cohesion holds each contact with [N], shape [C]: that on an edge is shared by its contacts with other strands."""
+        if self.settings.cohesion == 0.0:
+            return np.zeros(len(contacts.edge))
+        strands = contacts.edge[:, 1] >= 0
+        edge = contacts.edge[strands]
+        share = self.model.rest_length / np.maximum(np.bincount(edge.ravel(), minlength=len(self.model.mass)), 1)
+        pull = np.zeros(len(strands))
+        pull[strands] = self.settings.cohesion * share[edge].min(axis=1)
+        return pull
 
-@njit(cache=True, error_model="numpy")
-def newton(step, now, trial, vectors, band, local, h, tolerance, max_newton, x, m1, spin, twist):
-    """Solve one strand's step; returns whether it converged, the iterations, and the residual force over the scale of forces.
+    def _lawful(self, problem: ContactProblem, stiffness: Floats, moved: Floats, force: Floats) -> bool:
+        """Whether contacts with these forces keep Coulomb's law where vertices move so."""
+        w = np.empty_like(force)
+        displacements(problem, moved, w)
+        return law_error(problem, stiffness, w, force) <= self.settings.contact_tolerance
 
-    `now` is its shape at the start; `trial`, `vectors`, `band` [4V, 11] and `local` [12, 8] are memory.
-    """
-    g, direction, x_trial, turn, turned, turned_trial = vectors
-    for i in range(len(x)):
-        for k in range(3):
-            if not step.held[i, k]:
-                x[i, k] = step.start[i, k]
-        turned[i] = turn[i] = spin[i] if step.held[i, 3] else 0.0
-    potential.follow(x, turn, now, trial)
-    now, trial = trial, now
-    value = potential.energy(x, turned, now, step, h)
-    if not np.isfinite(value):
-        return False, 0, np.inf
-    iteration = 0
-    while True:
-        potential.gradient(x, turned, now, step, h, local[0], g)
-        scale = max(potential.force_scale(now, step), potential.round_off(x, step, h) / tolerance)
-        residual = largest_force(g, now.length) / scale
-        if residual <= tolerance or iteration == max_newton:
-            break
-        slope = descent(now, step, h, g, local, band, direction)
-        alpha = longest = longest_step(x, direction)
-        if not slope < 0.0:
-            return False, iteration, residual
-        while True:
-            for i in range(len(x)):
-                for k in range(3):
-                    x_trial[i, k] = x[i, k] + alpha * direction[i, k]
-                turn[i] = alpha * direction[i, 3]
-                turned_trial[i] = turned[i] + turn[i]
-            potential.follow(x_trial, turn, now, trial)
-            reached = potential.energy(x_trial, turned_trial, trial, step, h)
-            if reached <= value + ARMIJO * alpha * slope + ROUND_OFF * abs(value):
-                break
-            alpha *= 0.5
-            if alpha < SHORTEST * longest:
-                return False, iteration, residual
-        x[:], turned[:] = x_trial, turned_trial
-        now, trial, value = trial, now, reached
-        iteration += 1
-    m1[:-1], spin[:-1], twist[1:-1] = now.m1[:-1], turned[:-1] / h, now.twist[1:-1]
-    spin[-1] = 0.0
-    return residual <= tolerance, iteration, residual
+    def _commit(self, state: StrandState, after: StrandState, contacts: Contacts, h: float, report: StepReport) -> None:
+        """Take over what a step has come to."""
+        after.velocity = (after.x - state.x) / h
+        after.contact_key, after.contact_force = contacts.pressing()
+        size = np.linalg.norm(contacts.force, axis=1)
+        after.vertex_contact_force = contacts.on_vertices(size[:, None], len(after.x), second=1.0)[:, 0]
+        overlap = contacts.overlap(after.x - state.x)
+        report.contact_gap, report.contacts = float(overlap.max(initial=0.0)), int(np.count_nonzero(size))
+        self.contacts = contacts
+        vars(state).update(vars(after))
+        report.accepted = True
 
 
-@njit(cache=True, error_model="numpy")
-def descent(now, step, h, g, local, band, direction):
-    """Write Newton's direction [V, 4], with the positive form of the Hessian where the true one is not; returns its slope.
-
-    The slope is infinite where not even the positive form can be factorised.
-    """
-    potential.hessian(now, step, h, False, local, band)
-    if not banded.factorise(band):
-        potential.hessian(now, step, h, True, local, band)
-        shift = potential.EPSILON * band[:, 0].max()
-        while not banded.factorise(band):  # rounding makes it indefinite where an edge is folded
-            potential.hessian(now, step, h, True, local, band)
-            band[:, 0] += shift
-            shift *= 10.0
-            if not shift < MOST * band[:, 0].max():
-                return np.inf
-    for i in range(len(g)):
-        for k in range(4):
-            direction[i, k] = -g[i, k]
-    banded.solve(band, direction.reshape(-1))
-    slope = 0.0
-    for i in range(len(g)):
-        for k in range(4):
-            slope += g[i, k] * direction[i, k]
-    return slope
-
-
-@njit(cache=True, error_model="numpy")
-def longest_step(x, direction):
-    """Share of the direction, 1 at most, within which no edge changes by more than EDGE_CHANGE of its length."""
-    share = 1.0
-    for i in range(len(x) - 1):
-        square, change = 0.0, 0.0
-        for k in range(3):
-            square += (x[i + 1, k] - x[i, k]) ** 2
-            change += (direction[i + 1, k] - direction[i, k]) ** 2
-        if share * share * change > EDGE_CHANGE * EDGE_CHANGE * square:
-            share = EDGE_CHANGE * np.sqrt(square / change)
-    return share
-
-
-@njit(cache=True, error_model="numpy")
-def largest_force(g, length):
-    """Largest component of the gradient [V, 4] [N], couples as forces at the edge's length."""
-    largest = 0.0
-    for i in range(len(g)):
-        for k in range(3):
-            largest = max(largest, abs(g[i, k]))
-        if i < len(g) - 1:
-            largest = max(largest, abs(g[i, 3]) / length[i])
-    return largest
+def _under(predicted: Inertia, contacts: Contacts, h: float) -> Inertia:
+    """Return what is predicted, under the forces of contacts."""
+    force = contacts.on_vertices(contacts.force, len(predicted.mass))
+    return predicted._replace(target=predicted.target + h * h / predicted.mass[:, None] * force)

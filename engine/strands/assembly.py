@@ -67,10 +67,13 @@ class StrandAssembly:
         packed = {name: np.concatenate([part[name] for part in self._parts]) for name in self._parts[0]}
         state = StrandState(
             x=packed.pop("x"), velocity=np.zeros((sum(counts), 3)), m1=packed.pop("m1"), spin=np.zeros(sum(counts)),
-            twist=packed.pop("twist"),
+            twist=packed.pop("twist"), contact_key=np.zeros(0, np.int64), contact_force=np.zeros((0, 3)),
+            vertex_contact_force=np.zeros(sum(counts)),
         )
-        model = StrandModel(start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), group=np.array(self._groups, np.int64),
-                            friction=np.array(self._frictions, float), **packed)
+        model = StrandModel(
+            start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), group=np.array(self._groups, np.int64),
+            friction=np.array(self._frictions, float), **packed,
+        )
         return model, state
 
 

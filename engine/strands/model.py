@@ -39,6 +39,9 @@ class StrandState:
     m1: Floats  # first material direction of edges, shape [V, 3]
     spin: Floats  # rate at which edges turn about themselves [rad/s], shape [V]
     twist: Floats  # of vertices, counting whole turns [rad], shape [V]
+    contact_key: Ints  # contacts that pressed at the end of the last step, ascending, shape [C]
+    contact_force: Floats  # theirs on the first side [N], shape [C, 3]
+    vertex_contact_force: Floats  # sum of the sizes of contact forces on a vertex [N], shape [V]
 
     def copy(self) -> "StrandState":
         """Return a state that shares no array with this one."""

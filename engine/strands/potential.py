@@ -135,13 +135,19 @@ def force_scale(now, step):
 
 
 @njit(cache=True, error_model="numpy")
-def round_off(x, step, h):
-    """What rounding the places x [V, 3] changes of the forces of stretch and inertia [N]: no iteration finds smaller ones."""
+def rounding(x):
+    """What rounding makes of the distances between places x [V, 3] [m]."""
     extent = 0.0
     for i in range(len(x)):
         for k in range(3):
             extent = max(extent, abs(x[i, k]))
-    return 4.0 * EPSILON * extent * max(step.stretch_stiffness.max(), step.mass.max() / (h * h))
+    return 4.0 * EPSILON * extent
+
+
+@njit(cache=True, error_model="numpy")
+def round_off(x, step, h):
+    """What rounding the places x [V, 3] changes of the forces of stretch and inertia [N]: no iteration finds smaller ones."""
+    return rounding(x) * max(step.stretch_stiffness.max(), step.mass.max() / (h * h))
 
 
 @njit(cache=True, error_model="numpy")

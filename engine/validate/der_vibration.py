@@ -6,6 +6,7 @@ import numpy as np
 
 from engine.steppers.strands import StrandStepper
 from engine.strands.assembly import StrandMaterial
+from engine.strands.settings import StrandSettings
 from engine.validate.catalogue import CaseResult, case, timed_rows
 from engine.validate.strands import cantilever
 
@@ -42,7 +43,7 @@ def _frequency(segments: int, root: float) -> float:
     model, state = cantilever(segments, LENGTH, RADIUS, STEEL)
     state.x[:, 2] = SMALL * LENGTH * _mode(root, np.maximum(state.x[:, 0], 0.0) / LENGTH)
     state.x[:2, 2] = 0.0
-    stepper = StrandStepper(model, np.zeros(3), tolerance=1e-9)
+    stepper = StrandStepper(model, np.zeros(3), StrandSettings(tolerance=1e-9, contact="none"))
     h = 1 / (_wanted(root) * STEPS)
     passages: list[float] = []
     before = state.x[-1, 2]

@@ -9,6 +9,7 @@ from engine.strands import potential
 from engine.strands.assembly import StrandAssembly, StrandMaterial
 from engine.strands.loads import Inertia, StrandLoads
 from engine.strands.model import StrandModel, StrandState
+from engine.strands.settings import StrandSettings
 
 EARTH = 9.81  # gravity [m/s^2]
 FOREVER = 1e6  # step after which inertia is forgotten [s]
@@ -31,7 +32,7 @@ def cantilever(segments: int, length: float, radius: Floats | float, material: S
 
 def settle(model: StrandModel, state: StrandState, gravity: Floats, loads: StrandLoads | None = None) -> None:
     """Bring a state to rest under its loads, in place. Raises RuntimeError where it does not come to rest."""
-    stepper = StrandStepper(model, gravity, tolerance=1e-7, max_newton=500)
+    stepper = StrandStepper(model, gravity, StrandSettings(tolerance=1e-7, max_newton=500, contact="none"))
     for _ in range(20):
         state.velocity[:] = state.spin[:] = 0.0
         before = state.x.copy()

@@ -9,6 +9,7 @@ import pytest
 from engine.steppers.strands import StrandStepper
 from engine.strands.assembly import StrandAssembly, StrandMaterial
 from engine.strands.loads import StrandLoads, carried_velocity, inertia
+from engine.strands.settings import StrandSettings
 from engine.validate.der_gradients import Chart, random_strand
 from engine.validate.strands import cantilever
 
@@ -47,7 +48,7 @@ def test_free_strands_fall_as_implicit_euler_says():
 def test_momentum_is_kept_and_energy_never_rises():
     model, state = random_strand(3)
     model = model._replace(damping=0 * model.damping)
-    stepper = StrandStepper(model, np.zeros(3), tolerance=1e-10)
+    stepper = StrandStepper(model, np.zeros(3), StrandSettings(tolerance=1e-10))
 
     def energy():
         kinetic = np.sum(model.mass[:, None] * state.velocity**2) + np.sum(model.spin_inertia * state.spin**2)
@@ -226,7 +227,7 @@ def test_a_root_that_whirls_breaks_nothing(rate):
 def test_a_step_that_does_not_converge_leaves_the_state_alone():
     model, state = hairs(2)
     before = state.copy()
-    report = StrandStepper(model, 1e3 * DOWN, max_newton=1).step(state, 0.1)
+    report = StrandStepper(model, 1e3 * DOWN, StrandSettings(max_newton=1)).step(state, 0.1)
     assert not report.accepted and report.reason == "Newton did not converge"
     for name, values in vars(before).items():
         np.testing.assert_array_equal(values, getattr(state, name))

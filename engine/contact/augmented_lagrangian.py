@@ -1,0 +1,252 @@
+"""Coulomb's law at all contacts of strands that answer linearly, by augmented Lagrangians: Fei 2019, eq. 14.36, solved otherwise.
+
+Sweeps over single contacts, as the paper makes them, come to a stop where strands are taut: all contacts of a strand share its
+tension, and the forces between them differ by what only its stretch answers, which is 1e4 times stiffer than its mass. Here a
+strand is solved with all of its contacts at once. Contacts are springs of about the stiffness of the strands that they join, cut
+off by Coulomb's law; what a spring is short of is added to its force, until springs are at rest where the law wants them
+(`cones`). What is left in between is convex and smooth but for kinks: Newton's iterations with conjugate gradients, preconditioned
+by the banded factor of every strand with its own ends of contacts. For one strand on solids that is exact. Limits of friction are
+those of the round before.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from engine.arrays import Flags, Floats, Ints
+from engine.contact.cones import friction, friction_limit, friction_potential, friction_slope, normal_force
+from engine.contact.contact_problem import ContactProblem, relative
+from engine.linalg import banded
+
+NEWTON = 30  # iterations in a round
+INEXACT = 0.03  # residual of conjugate gradients, over that at their start
+MOST = 200  # iterations of conjugate gradients
+ARMIJO = 1e-4  # share of the slope's promise that a step must keep
+SHORTEST = 1e-4  # step below which there is no descent
+
+
+class Strands(NamedTuple):
+    """Strands that answer linearly from where they are."""
+
+    start: Ints  # strand s has the vertices start[s] ... start[s+1]-1, shape [S+1]
+    gradient: Floats  # of their potential, 0 where they are held, shape [V, 4]
+    band: Floats  # lower half of their Hessians, as identity where they are held, shape [4V, w+1]
+    held: Flags  # shape [V, 4]
+
+
+class Answer(NamedTuple):
+    """What a solution came to."""
+
+    rounds: int
+    newton: int
+    linear: int  # iterations of conjugate gradients
+    error: float  # of Coulomb's law, as `law_error` says
+
+
+@njit(cache=True, error_model="numpy")
+def respond(problem, stiffness, limit, c, force, w, r, slope):
+    """Write the force r [3] of contact c at w [3] and its `slope` (normal, 11, 12, 22); returns its potential [J].
+
+    `force` [3] is the one that the contact has where w is 0, `limit` [N] that of its friction.
+    """
+    k = stiffness[c]
+    r[0], on, potential = normal_force(force[0] - k[0] * w[0], k[0], problem.gap[c], problem.pull[c])
+    t1, t2 = force[1] - k[1] * w[1], force[2] - k[2] * w[2]
+    r[1], r[2], a = friction(t1, t2, k[1], k[2], limit[c])
+    slope[0] = on * k[0]
+    slope[1], slope[2], slope[3] = friction_slope(r[1], r[2], k[1], k[2], a)
+    return potential / k[0] + friction_potential(t1, t2, r[1], r[2], k[1], k[2])
+
+
+@njit(cache=True, error_model="numpy")
+def update_limits(problem, stiffness, w, force, limit):
+    """Write the limits of friction [C] of contacts whose normal force at w [C, 3] is that of `force` [C, 3]."""
+    for c in range(len(limit)):
+        k = stiffness[c, 0]
+        limit[c] = friction_limit(force[c, 0], force[c, 0] - k * w[c, 0], k, problem.gap[c], problem.friction[c], problem.pull[c])
+
+
+@njit(cache=True, error_model="numpy")
+def law_error(problem, stiffness, w, force):
+    """Return by how much w [C, 3] misses what Coulomb's law asks for under `force` [C, 3], at most, in distances of touch."""
+    r, slope, limit, largest = np.empty(3), np.empty(4), np.empty(len(force)), 0.0
+    update_limits(problem, stiffness, w, force, limit)
+    for c in range(len(force)):
+        respond(problem, stiffness, limit, c, force[c], w[c], r, slope)
+        for j in range(3):
+            largest = max(largest, abs(r[j] - force[c, j]) / (stiffness[c, j] * problem.touch[c]))
+    return largest
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def displacements(problem, moved, w):
+    """Write w [C, 3] of all contacts where vertices move by `moved` [V, >= 3] [m] in the step."""
+    for c in prange(len(w)):
+        relative(problem, c, moved, w[c])
+        for j in range(3):
+            w[c, j] -= problem.carried[c, j]
+
+
+def solve(
+    strands: Strands, problem: ContactProblem, stiffness: Floats, moved: Floats, force: Floats, tolerance: float, most: int
+) -> Answer:
+    """Find the forces at contacts [C, 3] [N], in their frames, from a first guess that is overwritten.
+
+    Vertices have moved by `moved` [V, 3] [m] in the step where strands are. Rounds end when the law's error is at most
+    `tolerance`, or after `most`.
+    """
+    step, direction, residual = (np.zeros(strands.gradient.shape) for _ in range(3))
+    w, r, slope = np.empty((len(force), 3)), np.empty((len(force), 3)), np.empty((len(force), 4))
+    start, limit = np.empty_like(w), np.empty(len(force))
+    factor = np.empty_like(strands.band)
+    displacements(problem, moved, start)
+    rounds = newton = linear = 0
+    error = np.inf
+    while rounds < most:
+        update_limits(problem, stiffness, start + _by(problem, step), force, limit)
+        value = evaluate(strands, problem, stiffness, limit, force, start, step, w, r, slope, residual)
+        before = w.copy()
+        for _ in range(NEWTON):
+            if not precondition(strands, problem, slope, factor):
+                return Answer(rounds, newton, linear, np.inf)
+            linear += conjugate_gradients(strands, problem, slope, factor, residual, direction)
+            promised = -np.sum(residual * direction)
+            alpha = 1.0
+            while True:
+                there = step + alpha * direction
+                reached = evaluate(strands, problem, stiffness, limit, force, start, there, w, r, slope, residual)
+                if reached <= value + ARMIJO * alpha * promised + 1e-13 * abs(value) or alpha < SHORTEST:
+                    break
+                alpha *= 0.5
+            step = there
+            value, newton = reached, newton + 1
+            change = np.max(np.abs(w - before) / problem.touch[:, None])
+            before[:] = w
+            if change <= 0.3 * tolerance:
+                break
+        force[:] = r
+        rounds += 1
+        error = law_error(problem, stiffness, w, force)
+        if error <= tolerance:
+            break
+    return Answer(rounds, newton, linear, error)
+
+
+def _by(problem: ContactProblem, step: Floats) -> Floats:
+    """What a step [V, 4] changes of w, shape [C, 3]."""
+    w = np.empty((len(problem.gap), 3))
+    displacements(problem._replace(carried=np.zeros_like(w)), step, w)
+    return w
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def evaluate(strands, problem, stiffness, limit, force, start, step, w, r, slope, residual):
+    """Write w, forces r and their slopes where strands take a `step` [V, 4], and what is left over; returns the potential.
+
+    `start` [C, 3] is w without a step. The `residual` [V, 4] is minus the gradient.
+    """
+    energy, potential = np.empty(len(problem.strand)), np.empty(len(w))
+    for c in prange(len(w)):
+        relative(problem, c, step, w[c])
+        for j in range(3):
+            w[c, j] += start[c, j]
+        potential[c] = respond(problem, stiffness, limit, c, force[c], w[c], r[c], slope[c])
+    for i in prange(len(problem.strand)):
+        first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
+        banded.multiply(strands.band[4 * first : 4 * last], step[first:last].reshape(-1), residual[first:last].reshape(-1))
+        energy[i] = 0.0
+        for v in range(first, last):
+            for k in range(4):
+                energy[i] += step[v, k] * (strands.gradient[v, k] + 0.5 * residual[v, k])
+                residual[v, k] = -strands.gradient[v, k] - residual[v, k]
+        _add_forces(strands, problem, i, r, residual)
+    return energy.sum() + potential.sum()
+
+
+@njit(cache=True, error_model="numpy")
+def _add_forces(strands, problem, i, force, total):
+    """Add what forces at contacts [C, 3], in their frames, do to strand number i of those in contact to `total` [V, 4]."""
+    for p in range(problem.first[i], problem.first[i + 1]):
+        c, e = problem.place[p, 0], problem.place[p, 1]
+        v = problem.vertex[c, e]
+        for k in range(3):
+            if not strands.held[v, k]:
+                along = 0.0
+                for j in range(3):
+                    along += problem.frame[c, j, k] * force[c, j]
+                total[v, k] += problem.weight[c, e] * along
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def precondition(strands, problem, slope, factor):
+    """Write the factors of strands with their own ends of contacts [4V, w+1]; returns whether all have one."""
+    good = np.ones(len(problem.strand), np.bool_)
+    for i in prange(len(problem.strand)):
+        first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
+        factor[4 * first : 4 * last] = strands.band[4 * first : 4 * last]
+        for p in range(problem.first[i], problem.first[i + 1]):
+            c, e = problem.place[p, 0], problem.place[p, 1]
+            for f in range(e // 2 * 2, e // 2 * 2 + 2):
+                v, u = problem.vertex[c, e], problem.vertex[c, f]
+                weight = problem.weight[c, e] * problem.weight[c, f]
+                for a in range(3):
+                    for b in range(3):
+                        row, column = 4 * v + a, 4 * u + b
+                        if column <= row and not strands.held[v, a] and not strands.held[u, b]:
+                            factor[row, row - column] += weight * _stiffness(problem.frame[c], slope[c], a, b)
+        good[i] = banded.factorise(factor[4 * first : 4 * last])
+    return good.all()
+
+
+@njit(cache=True, error_model="numpy")
+def _stiffness(frame, slope, a, b):
+    """Stiffness of a contact between directions a and b in space."""
+    across = slope[1] * frame[1, b] + slope[2] * frame[2, b], slope[2] * frame[1, b] + slope[3] * frame[2, b]
+    return slope[0] * frame[0, a] * frame[0, b] + frame[1, a] * across[0] + frame[2, a] * across[1]
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def conjugate_gradients(strands, problem, slope, factor, b, x):
+    """Write the solution x [V, 4] for the right-hand side b [V, 4]; returns the iterations.
+
+    Sums are made in the order of strands, so that they are the same on any number of threads.
+    """
+    r, z, p, q = np.empty_like(b), np.empty_like(b), np.empty_like(b), np.empty_like(b)
+    part, pressed = np.empty(len(problem.strand)), np.empty((len(slope), 3))
+    for i in prange(len(problem.strand)):
+        first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
+        x[first:last], r[first:last], z[first:last] = 0.0, b[first:last], b[first:last]
+        banded.solve(factor[4 * first : 4 * last], z[first:last].reshape(-1))
+        p[first:last] = z[first:last]
+        part[i] = np.sum(r[first:last] * z[first:last])
+    rz = part.sum()
+    goal = INEXACT * INEXACT * rz
+    for iteration in range(MOST):
+        if not rz > goal:
+            return iteration
+        for c in prange(len(slope)):
+            relative(problem, c, p, pressed[c])
+            along, first_across, second_across = pressed[c, 0], pressed[c, 1], pressed[c, 2]
+            pressed[c, 0] = slope[c, 0] * along
+            pressed[c, 1] = slope[c, 1] * first_across + slope[c, 2] * second_across
+            pressed[c, 2] = slope[c, 2] * first_across + slope[c, 3] * second_across
+        for i in prange(len(problem.strand)):
+            first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
+            banded.multiply(strands.band[4 * first : 4 * last], p[first:last].reshape(-1), q[first:last].reshape(-1))
+            _add_forces(strands, problem, i, pressed, q)
+            part[i] = np.sum(p[first:last] * q[first:last])
+        alpha = rz / part.sum()
+        for i in prange(len(problem.strand)):
+            first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
+            x[first:last] += alpha * p[first:last]
+            r[first:last] -= alpha * q[first:last]
+            z[first:last] = r[first:last]
+            banded.solve(factor[4 * first : 4 * last], z[first:last].reshape(-1))
+            part[i] = np.sum(r[first:last] * z[first:last])
+        beta = part.sum() / rz
+        rz *= beta
+        for i in prange(len(problem.strand)):
+            first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
+            p[first:last] = z[first:last] + beta * p[first:last]
+    return MOST

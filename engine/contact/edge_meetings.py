@@ -1,0 +1,55 @@
+"""Where edges of strands are near each other at the start of a step, or come to touch in it."""
+
+import numpy as np
+from numba import njit
+
+from engine.geometry.moving_segments import first_near
+from engine.geometry.segment_distance import nearest_on_segments
+
+DEEP = 0.5  # of the distance at the start, or at which two touch: edges in contact that come nearer pass through each other
+MOST = 4  # contacts of one pair of edges
+LOOP = np.pi / 2  # least length of strand between two of its edges that touch, in the distance at which they do
+
+
+@njit(cache=True, error_model="numpy")
+def find(pairs, x, motion, radius, near, strand, along, known):
+    """Return edges [M, 2], shares of them [M, 2], shares of the way [M] and distances at its start [M] [m] of meetings.
+
+    `pairs` [P, 2] of edges, by their first vertices, are looked at while vertices go from x [V, 3] along `motion` [V, 3] [m].
+    They are near, at the start, within the sum of `near` [V], and touch within that of `radius` [V] [m]. `strand` [V] and `along`
+    [V] [m] are where vertices are. `known` are the keys (a << 32) + b of contacts that there are, ascending.
+    """
+    edge, share = np.empty((2 * len(pairs), 2), np.int64), np.empty((2 * len(pairs), 2))
+    time, before, count = np.empty(2 * len(pairs)), np.empty(2 * len(pairs)), 0
+    ends = np.empty((4, 3))
+    for p in range(len(pairs)):
+        a, b = pairs[p, 0], pairs[p, 1]
+        touch = radius[a] + radius[b]
+        if strand[a] == strand[b] and along[b] - along[a + 1] < LOOP * touch:
+            continue
+        s, t, square = nearest_on_segments(x[a], x[a + 1], x[b], x[b + 1])
+        distance = np.sqrt(square)
+        key = (a << 32) + b
+        met = np.searchsorted(known, key + 1) - np.searchsorted(known, key)
+        if met == 0 and distance <= near[a] + near[b]:
+            met = 1
+            if not (_is_next(s, a, strand) or _is_next(t, b, strand)):
+                edge[count, 0], edge[count, 1], share[count, 0], share[count, 1] = a, b, s, t
+                time[count], before[count] = 0.0, distance
+                count += 1
+        if met < MOST:
+            limit = touch if met == 0 else DEEP * min(distance, touch)
+            when = first_near(x, motion, a, b, limit, ends)
+            if when <= 1.0:
+                s, t, _ = nearest_on_segments(ends[0], ends[1], ends[2], ends[3])
+                if not (_is_next(s, a, strand) or _is_next(t, b, strand)):
+                    edge[count, 0], edge[count, 1], share[count, 0], share[count, 1] = a, b, s, t
+                    time[count], before[count] = when, distance
+                    count += 1
+    return edge[:count], share[:count], time[:count], before[:count]
+
+
+@njit(cache=True)
+def _is_next(share, edge, strand):
+    """Whether a place on an edge is the start of the next edge, which then has the contact."""
+    return share == 1.0 and edge + 2 < len(strand) and strand[edge + 2] == strand[edge]

@@ -1,0 +1,179 @@
+"""Where strands touch each other and solids within a step, found without passing anything over (Fei 2019, sec. 13.6).
+
+Pairs that are near at the start of a step are in contact with the shape they have there. All others, and those that come much
+nearer than they were, are in contact where they first touch on the way that the step would take. A contact keeps its places on
+the strands and its normal for the rest of the step; where the way that follows leads through somewhere else, contacts are added.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.arrays import Flags, Floats, Ints
+from engine.contact import edge_meetings, solid_meetings
+from engine.contact.obstacles import ObstacleMotion
+from engine.geometry.near_segments import near_pairs
+from engine.geometry.solids import moved_along
+from engine.strands.model import StrandModel
+
+NEAR = 0.05  # of the distance at which two touch, within which they are in contact from the start
+MENDED = 0.2  # of a small overlap, that a step takes back
+SMALL = 0.1  # overlaps, of the distance at which two touch; larger ones stay as they are
+SOLID = -1  # second edge of a contact with solid number 0; that with number o is SOLID - o
+
+
+class Contacts(NamedTuple):
+    """C contacts; with w the displacement in the step of the first side relative to the second, apart + n.w is to be >= kept."""
+
+    edge: Ints  # first vertices of the edges that touch, the second one SOLID - o where it is solid o, shape [C, 2]
+    share: Floats  # of the edges, from their first vertices, shape [C, 2]
+    normal: Floats  # n, towards the first side, shape [C, 3]
+    apart: Floats  # distance of centre lines along n, or of a centre line to a solid, at the start [m], shape [C]
+    touch: Floats  # that at which the two touch [m], shape [C]
+    kept: Floats  # that which they keep [m], shape [C]
+    carried: Floats  # what the second side moves in the step where it is a solid [m], shape [C, 3]
+    friction: Floats  # Coulomb coefficient, shape [C]
+    force: Floats  # on the first side [N], shape [C, 3]
+
+    @property
+    def key(self) -> Ints:
+        """Numbers that name the edges of contacts, or the vertex or edge that touches a solid, shape [C]."""
+        share = self.share[:, 0]
+        place = np.where(self.edge[:, 1] >= 0, 0, (share > 0.0) + (share == 1.0).astype(np.int64))
+        return ((4 * self.edge[:, 0] + place) << 32) + self.edge[:, 1]
+
+    def displaced(self, moved: Floats) -> Floats:
+        """Return w where vertices move by `moved` [V, 3] [m], shape [C, 3]."""
+        return _on(self.edge[:, :1], self.share[:, :1], moved)[:, 0] - self._second(moved) - self.carried
+
+    def on_vertices(self, values: Floats, vertices: int, second: float = -1.0) -> Floats:
+        """Return what `values` [C, n] of the first sides, times `second` of the second ones, add up to, shape [vertices, n]."""
+        total = np.zeros((vertices, values.shape[1]))
+        strands = self.edge[:, 1] >= 0
+        for side, sign, which in ((0, 1.0, slice(None)), (1, second, strands)):
+            edge, share, own = self.edge[which, side], self.share[which, side, None], sign * values[which]
+            np.add.at(total, edge, (1.0 - share) * own)
+            np.add.at(total, edge + 1, share * own)
+        return total
+
+    def overlap(self, moved: Floats) -> Floats:
+        """Return how deep sides are in each other where vertices moved by `moved` [V, 3] [m], over the distance of touch [C]."""
+        return 1.0 - (self.apart + np.einsum("ck,ck->c", self.normal, self.displaced(moved))) / self.touch
+
+    def pressing(self) -> tuple[Ints, Floats]:
+        """Return the keys of contacts with a force, ascending, and the sum of forces [., 3] of each key [N]."""
+        acts = np.any(self.force != 0.0, axis=1)
+        key, number = np.unique(self.key[acts], return_inverse=True)
+        force = np.zeros((len(key), 3))
+        np.add.at(force, number, self.force[acts])
+        return key, force
+
+    def with_forces(self, key: Ints, force: Floats) -> "Contacts":
+        """Return these contacts with the forces [n, 3] that their keys, among `key` [n], had before."""
+        if not len(key):
+            return self
+        at = np.minimum(np.searchsorted(key, self.key), len(key) - 1)
+        return self._replace(force=np.where((key[at] == self.key)[:, None], force[at], 0.0))
+
+    def _second(self, values: Floats) -> Floats:
+        strands = self.edge[:, 1] >= 0
+        there = np.zeros((len(strands), 3))
+        there[strands] = _on(self.edge[strands, 1:], self.share[strands, 1:], values)[:, 0]
+        return there
+
+    def and_also(self, more: "Contacts") -> "Contacts":
+        """Return these and more contacts, in the order of their edges."""
+        both = [np.concatenate(arrays) for arrays in zip(self, more, strict=True)]
+        order = np.lexsort((both[0][:, 1], both[0][:, 0]))
+        return Contacts(*(array[order] for array in both))
+
+
+def no_contacts() -> Contacts:
+    """Return an empty set."""
+    return Contacts(np.zeros((0, 2), np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0),
+                    np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
+
+
+class Touching:
+    """Finds the contacts of strands."""
+
+    def __init__(self, model: StrandModel, reach: float):
+        """Keep what does not change; strands whose surfaces are nearer than `reach` [m] are in contact at the start, too."""
+        self.friction, self.reach = model.friction, reach
+        self.last = np.zeros(len(model.mass), np.bool_)  # vertices of strands
+        self.last[model.start[1:] - 1] = True
+        self.segment = np.flatnonzero(~self.last)
+        self.strand = np.repeat(np.arange(len(model.start) - 1), np.diff(model.start))
+        self.radius = np.sqrt(model.radius[:, 0] * model.radius[:, 1])
+        self.along = np.concatenate([[0.0], np.cumsum(model.rest_length)[:-1]])
+
+    def strands_of(self, contacts: Contacts) -> Flags:
+        """Return which strands have one of the contacts, shape [S]."""
+        which = np.zeros(len(self.friction), np.bool_)
+        which[self.strand[contacts.edge[:, 0]]] = True
+        which[self.strand[contacts.edge[contacts.edge[:, 1] >= 0, 1]]] = True
+        return which
+
+    def between_strands(self, x: Floats, motion: Floats, known: Contacts) -> Contacts:
+        """Return contacts of edges, beside those `known`, on the way along `motion` [V, 3] from x [V, 3] [m]."""
+        near = (1.0 + NEAR) * self.radius + 0.5 * self.reach
+        pairs = self.segment[near_pairs(x, motion, self.segment, near[self.segment])]
+        edge, share, time, before = edge_meetings.find(
+            pairs, x, motion, self.radius, near, self.strand, self.along, _keys(known.edge))
+        place = _on(edge, share, x)
+        apart = place[:, 0] - place[:, 1]
+        way = _on(edge, share, motion)
+        moved = time[:, None] * (way[:, 0] - way[:, 1])
+        distance = np.linalg.norm(apart + moved, axis=1)
+        normal = (apart + moved) / distance[:, None]
+        touch = self.radius[edge].sum(axis=1)
+        friction = np.sqrt(self.friction[self.strand[edge]].prod(axis=1))
+        return Contacts(edge, share, normal, distance - np.einsum("ck,ck->c", normal, moved), touch, _kept(before, touch),
+                        carried=np.zeros_like(normal), friction=friction, force=np.zeros_like(normal))
+
+    def with_solids(self, x: Floats, motion: Floats, obstacles: ObstacleMotion, known: Contacts) -> Contacts:
+        """Return contacts with solids, beside those `known`, on the way along `motion` [V, 3] from x [V, 3] [m]."""
+        found = no_contacts()
+        near = (1.0 + NEAR) * self.radius
+        for o in range(len(obstacles.friction)):
+            there = moved_along(obstacles.begin, obstacles.end, o, x)
+            way = x + motion - there
+            edge, share = known.edge[known.edge[:, 1] == SOLID - o, 0], known.share[known.edge[:, 1] == SOLID - o, 0]
+            inside = (share > 0.0) & (share < 1.0)
+            met = np.bincount(edge[~inside] + (share[~inside] == 1.0), minlength=len(x))
+            vertex, *at_vertices = solid_meetings.at_vertices(obstacles.end, o, there, way, self.radius, near, met)
+            met = np.bincount(edge[inside], minlength=len(x))
+            edge, share, *within = solid_meetings.within_edges(obstacles.end, o, there, way, self.radius, near, self.segment, met)
+            edge = np.concatenate([vertex - self.last[vertex], edge])
+            share = np.concatenate([self.last[vertex].astype(float), share])
+            time, normal, distance, before = (np.concatenate(both) for both in zip(at_vertices, within, strict=True))
+            moved = time[:, None] * _on(edge[:, None], share[:, None], way)[:, 0]
+            touch = self.radius[edge]
+            found = found.and_also(Contacts(
+                edge=np.column_stack([edge, np.full(len(edge), SOLID - o)]),
+                share=np.column_stack([share, np.zeros(len(edge))]),
+                normal=normal,
+                apart=distance - np.einsum("ck,ck->c", normal, moved),
+                touch=touch,
+                kept=_kept(before, touch),
+                carried=_on(edge[:, None], share[:, None], there - x)[:, 0],
+                friction=np.full(len(edge), obstacles.friction[o]),
+                force=np.zeros_like(normal),
+            ))
+        return found
+
+
+def _keys(edge: Ints) -> Ints:
+    """Numbers that name the edges of contacts between strands, ascending."""
+    return np.sort((edge[:, 0] << 32) + edge[:, 1])
+
+
+def _on(edge: Ints, share: Floats, values: Floats) -> Floats:
+    """What `values` [V, 3] are at places on edges [C, n], shape [C, n, 3]."""
+    return (1.0 - share[:, :, None]) * values[edge] + share[:, :, None] * values[edge + 1]
+
+
+def _kept(distance: Floats, touch: Floats) -> Floats:
+    """The distance that a contact is to keep whose sides are so far apart at the start of the step."""
+    overlap = touch - distance
+    return np.where(overlap <= 0.0, touch, np.where(overlap < SMALL * touch, touch - (1.0 - MENDED) * overlap, distance))

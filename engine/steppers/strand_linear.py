@@ -1,0 +1,45 @@
+"""Strands as they answer in the neighbourhood of where they are in a step: their gradients and Hessians."""
+
+import numpy as np
+from numba import njit, prange
+
+from engine.arrays import Ints
+from engine.contact.augmented_lagrangian import Strands
+from engine.linalg import banded
+from engine.steppers.strand_newton import PIECES
+from engine.strands import potential
+from engine.strands.loads import Inertia
+from engine.strands.model import StrandModel, StrandState
+
+
+def linearised(model: StrandModel, inertia: Inertia, which: Ints, before: StrandState, after: StrandState, h: float) -> Strands:
+    """Return the strands `which` [A] as they answer at `after`, in a step of `h` [s] from `before`.
+
+    A Hessian that is not positive is replaced by its positive form.
+    """
+    vertices = len(before.x)
+    gradient, band = np.empty((vertices, 4)), np.empty((4 * vertices, potential.WIDTH + 1))
+    _linearise(model, inertia, which, before.x, before.m1, before.spin, before.twist, after.x, after.spin, h, gradient, band)
+    return Strands(model.start, gradient, band, model.held)
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def _linearise(model, inertia, which, x0, m1, spin0, twist, x, spin, h, gradient, band):
+    start = model.start
+    longest = (start[1:] - start[:-1]).max()
+    for piece in prange(PIECES):
+        step, now, other = potential.step_of(longest), potential.geometry(longest), potential.geometry(longest)
+        factor, local, turned = np.empty((4 * longest, potential.WIDTH + 1)), np.empty((12, 8)), np.empty(longest)
+        for i in range(piece * len(which) // PIECES, (piece + 1) * len(which) // PIECES):
+            a, b = start[which[i]], start[which[i] + 1]
+            n = b - a
+            own, shape = potential.first_of_step(step, n), potential.first_of_geometry(now, n)
+            there = potential.first_of_geometry(other, n)
+            potential.begin(model, inertia, a, x0[a:b], m1[a:b], spin0[a:b], twist[a:b], h, own, shape)
+            turned[:n] = h * spin[a:b]
+            potential.follow(x[a:b], turned[:n], shape, there)
+            potential.gradient(x[a:b], turned[:n], there, own, h, local[0], gradient[a:b])
+            potential.hessian(there, own, h, False, local, band[4 * a : 4 * b])
+            factor[: 4 * n] = band[4 * a : 4 * b]
+            if not banded.factorise(factor[: 4 * n]):
+                potential.hessian(there, own, h, True, local, band[4 * a : 4 * b])
