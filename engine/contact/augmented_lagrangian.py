@@ -16,12 +16,13 @@ from numba import njit, prange
 
 from engine.arrays import Flags, Floats, Ints
 from engine.contact.cones import friction, friction_limit, friction_potential, friction_slope, normal_force
-from engine.contact.contact_problem import ContactProblem, relative
+from engine.contact.contact_problem import ContactProblem, align, relative, stiffen
 from engine.linalg import banded
 
 NEWTON = 30  # iterations in a round
 INEXACT = 0.03  # residual of conjugate gradients, over that at their start
 MOST = 200  # iterations of conjugate gradients
+CLOSE = 0.1  # of the tolerance, that no vertex is to move by in a further iteration
 ARMIJO = 1e-4  # share of the slope's promise that a step must keep
 SHORTEST = 1e-4  # step below which there is no descent
 
@@ -41,7 +42,10 @@ class Answer(NamedTuple):
     rounds: int
     newton: int
     linear: int  # iterations of conjugate gradients
-    error: float  # of Coulomb's law, as `law_error` says
+    error: float  # what w misses of Coulomb's law, in distances of touch
+    step: Floats  # what vertices move, shape [V, 4]
+    slope: Floats  # of forces by w: normal, and across 11, 12, 22, shape [C, 4]
+    stiffness: Floats  # of contacts [N/m], shape [C, 3]
 
 
 @njit(cache=True, error_model="numpy")
@@ -69,14 +73,19 @@ def update_limits(problem, stiffness, w, force, limit):
 
 @njit(cache=True, error_model="numpy")
 def law_error(problem, stiffness, w, force):
-    """Return by how much w [C, 3] misses what Coulomb's law asks for under `force` [C, 3], at most, in distances of touch."""
-    r, slope, limit, largest = np.empty(3), np.empty(4), np.empty(len(force)), 0.0
+    """Return what w and `force` [C, 3] miss of Coulomb's law at most: w in distances of touch, the force in parts of it."""
+    r, slope, limit, largest, part = np.empty(3), np.empty(4), np.empty(len(force)), 0.0, 0.0
     update_limits(problem, stiffness, w, force, limit)
     for c in range(len(force)):
         respond(problem, stiffness, limit, c, force[c], w[c], r, slope)
+        off = whole = 0.0
         for j in range(3):
             largest = max(largest, abs(r[j] - force[c, j]) / (stiffness[c, j] * problem.touch[c]))
-    return largest
+            off += (r[j] - force[c, j]) ** 2
+            whole += max(r[j] ** 2, force[c, j] ** 2)
+        if off > 0.0:
+            part = max(part, np.sqrt(off / whole))
+    return largest, part
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
@@ -85,33 +94,36 @@ def displacements(problem, moved, w):
     for c in prange(len(w)):
         relative(problem, c, moved, w[c])
         for j in range(3):
-            w[c, j] -= problem.carried[c, j]
+            for k in range(3):
+                w[c, j] -= problem.frame[c, j, k] * problem.carried[c, k]
 
 
 def solve(
-    strands: Strands, problem: ContactProblem, stiffness: Floats, moved: Floats, force: Floats, tolerance: float, most: int
+    strands: Strands, problem: ContactProblem, moved: Floats, force: Floats, tolerance: float, most: int
 ) -> Answer:
-    """Find the forces at contacts [C, 3] [N], in their frames, from a first guess that is overwritten.
+    """Find the forces at contacts [C, 3] [N] from a first guess that is overwritten.
 
     Vertices have moved by `moved` [V, 3] [m] in the step where strands are. Rounds end when the law's error is at most
     `tolerance`, or after `most`.
     """
+    stiffest, stiffness = align(problem, strands.band), np.zeros((len(force), 3))
+    force[:] = np.einsum("cij,cj->ci", problem.frame, force)
     step, direction, residual = (np.zeros(strands.gradient.shape) for _ in range(3))
     w, r, slope = np.empty((len(force), 3)), np.empty((len(force), 3)), np.empty((len(force), 4))
     start, limit = np.empty_like(w), np.empty(len(force))
-    factor = np.empty_like(strands.band)
+    factor, goal = np.empty_like(strands.band), CLOSE * tolerance * problem.touch.min()
     displacements(problem, moved, start)
-    rounds = newton = linear = 0
+    last, rounds, newton, linear = step, 0, 0, 0
     error = np.inf
     while rounds < most:
+        stiffen(problem, stiffest, force, tolerance, stiffness)
         update_limits(problem, stiffness, start + _by(problem, step), force, limit)
         value = evaluate(strands, problem, stiffness, limit, force, start, step, w, r, slope, residual)
-        before = w.copy()
         for _ in range(NEWTON):
             if not precondition(strands, problem, slope, factor):
-                return Answer(rounds, newton, linear, np.inf)
+                return Answer(rounds, newton, linear, np.inf, step, slope, stiffness)
             linear += conjugate_gradients(strands, problem, slope, factor, residual, direction)
-            promised = -np.sum(residual * direction)
+            promised, before, far = -np.sum(residual * direction), slope.copy(), np.abs(direction[:, :3]).max()
             alpha = 1.0
             while True:
                 there = step + alpha * direction
@@ -121,16 +133,15 @@ def solve(
                 alpha *= 0.5
             step = there
             value, newton = reached, newton + 1
-            change = np.max(np.abs(w - before) / problem.touch[:, None])
-            before[:] = w
-            if change <= 0.3 * tolerance:
+            if far <= goal or (alpha == 1.0 and INEXACT * far <= goal and np.array_equal(slope, before)):
                 break
         force[:] = r
         rounds += 1
-        error = law_error(problem, stiffness, w, force)
-        if error <= tolerance:
+        error, part = law_error(problem, stiffness, w, force)
+        moves, last = np.abs(step[:, :3] - last[:, :3]).max(), step
+        if error <= tolerance and (part <= tolerance or moves <= goal):
             break
-    return Answer(rounds, newton, linear, error)
+    return Answer(rounds, newton, linear, error, step, slope, stiffness)
 
 
 def _by(problem: ContactProblem, step: Floats) -> Floats:

@@ -7,30 +7,32 @@ from numba import njit
 
 from engine.arrays import Floats, Ints
 from engine.contact.strand_contacts import Contacts
+from engine.strands.springs import Springs
 
-STIFF = 10.0  # stiffness of contacts over that of the strands, where the rest of them is held
+STIFF = 10.0  # stiffness of contacts over that of the strands, where the rest of them is held, or over that of their mass
 
 
 class ContactProblem(NamedTuple):
-    """C contacts: w = sum of weight * displacement of four vertices - carried, in the frame of each."""
+    """C contacts: w = sum of weight * displacement of four vertices - carried, as components in the frame of each."""
 
     vertex: Ints  # shape [C, 4]
     weight: Floats  # shape [C, 4]
     frame: Floats  # rows are the normal and two directions across, shape [C, 3, 3]
     gap: Floats  # [m], shape [C]
-    carried: Floats  # in the frame [m], shape [C, 3]
+    carried: Floats  # [m], shape [C, 3]
     friction: Floats  # shape [C]
     pull: Floats  # that holds sides together which would part [N], shape [C]
     touch: Floats  # [m], shape [C]
+    yielding: Floats  # what a force moves the masses at the contact by in the step [m/N], shape [C]
     strand: Ints  # with contacts, ascending, shape [A]
     first: Ints  # places on strand[i] are first[i] ... first[i+1]-1 of `place`, shape [A + 1]
     place: Ints  # contact and which of its vertices, shape [P, 2]
 
 
-def contact_problem(contacts: Contacts, strand: Ints, x: Floats, pull: Floats) -> ContactProblem:
-    """Return the problem of contacts; `strand` [V] and x [V, 3] are those of vertices, `pull` [C] is in N.
+def contact_problem(contacts: Contacts, strand: Ints, pull: Floats, compliance: Floats) -> ContactProblem:
+    """Return the problem of contacts; `strand` [V] is that of vertices, `pull` [C] is in N.
 
-    The first direction across the normal is the one along the strands, in which they are stiff.
+    `compliance` [V] is what a force moves a vertex by in the step that nothing else holds [m/N].
     """
     solid = contacts.edge[:, 1] < 0
     edge = np.where(solid[:, None], contacts.edge[:, :1], contacts.edge)
@@ -38,53 +40,83 @@ def contact_problem(contacts: Contacts, strand: Ints, x: Floats, pull: Floats) -
     weight = np.column_stack([1.0 - share[:, 0], share[:, 0], share[:, 1] - 1.0, -share[:, 1]])
     weight[solid, 2:] = 0.0
     vertex = np.column_stack([edge[:, 0], edge[:, 0] + 1, edge[:, 1], edge[:, 1] + 1])
-    frame = _frames(contacts.normal, x[edge + 1] - x[edge])
+    frame = _frames(contacts.normal)
     acts = np.argwhere(weight != 0.0)
     on = strand[vertex[acts[:, 0], acts[:, 1]]]
     order = np.argsort(on, kind="stable")
     touched, first = np.unique(on[order], return_index=True)
     return ContactProblem(
         vertex=vertex, weight=weight, frame=frame, gap=contacts.apart - contacts.kept,
-        carried=np.einsum("cij,cj->ci", frame, contacts.carried), friction=contacts.friction, pull=pull, touch=contacts.touch,
+        carried=contacts.carried, friction=contacts.friction, pull=pull, touch=contacts.touch,
+        yielding=(weight**2 * compliance[vertex]).sum(axis=1),
         strand=touched, first=np.append(first, len(order)), place=acts[order],
     )
 
 
-def _frames(normal: Floats, edges: Floats) -> Floats:
-    """Normals [C, 3], the directions nearest to both edges [C, 2, 3] across them, and those across both, shape [C, 3, 3]."""
-    along = edges / np.linalg.norm(edges, axis=2)[:, :, None]
-    same = np.where(np.einsum("ck,ck->c", along[:, 0], along[:, 1]) < 0.0, -1.0, 1.0)
-    first = along[:, 0] + same[:, None] * along[:, 1]
-    first -= np.einsum("ck,ck->c", first, normal)[:, None] * normal
+def _frames(normal: Floats) -> Floats:
+    """Frames whose first rows are unit normals [C, 3], shape [C, 3, 3]."""
     least = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
-    least -= np.einsum("ck,ck->c", least, normal)[:, None] * normal
-    first = np.where((np.linalg.norm(first, axis=1) < 1e-3)[:, None], least, first)  # a strand that meets a solid head-on
+    first = np.cross(normal, least)
     first /= np.linalg.norm(first, axis=1)[:, None]
     return np.stack([normal, first, np.cross(normal, first)], axis=1)
 
 
 @njit(cache=True, error_model="numpy")
-def contact_stiffness(problem, band):
-    """Return the stiffness of contacts in their directions [N/m], shape [C, 3], in proportion to that of their strands.
+def align(problem, band):
+    """Turn the frames so that contacts are softest in one direction across the normal; returns their most stiffness [N/m], [C, 3].
 
-    `band` [4V, w+1] are the strands' Hessians. Of two sides the softer one counts, as with springs in a row.
+    It is in proportion to that of their strands, whose Hessians are `band` [4V, w+1], where all but the vertices at the contact
+    is held. What the two sides yield adds up: strands that cross are soft along each other, for neither can hold the other.
     """
-    stiffness = np.empty((len(problem.gap), 3))
+    stiffness, own, soft = np.empty((len(problem.gap), 3)), np.empty((3, 3)), np.empty(4)
     for c in range(len(problem.gap)):
-        for i in range(3):
-            soft = 0.0
-            for side in range(2):
-                own = 0.0
-                for e in range(2 * side, 2 * side + 2):
-                    row = 4 * problem.vertex[c, e]
-                    for a in range(3):
-                        for b in range(3):
-                            entry = band[row + max(a, b), abs(a - b)]
-                            own += problem.weight[c, e] ** 2 * problem.frame[c, i, a] * problem.frame[c, i, b] * entry
-                if own > 0.0:
-                    soft += 1.0 / own
-            stiffness[c, i] = STIFF / soft
+        frame = problem.frame[c]
+        soft[:] = 0.0
+        for side in range(2):
+            _own_stiffness(problem, band, c, side, own)
+            if own[0, 0] > 0.0:
+                determinant = own[1, 1] * own[2, 2] - own[1, 2] * own[2, 1]
+                soft[0] += 1.0 / own[0, 0]
+                soft[1] += own[2, 2] / determinant
+                soft[2] -= own[1, 2] / determinant
+                soft[3] += own[1, 1] / determinant
+        angle = 0.5 * np.arctan2(2.0 * soft[2], soft[1] - soft[3])
+        cosine, sine = np.cos(angle), np.sin(angle)
+        middle, half = 0.5 * (soft[1] + soft[3]), np.hypot(0.5 * (soft[1] - soft[3]), soft[2])
+        for k in range(3):
+            first, second = frame[1, k], frame[2, k]
+            frame[1, k], frame[2, k] = cosine * first + sine * second, cosine * second - sine * first
+        stiffness[c, 0] = STIFF / soft[0]
+        stiffness[c, 1], stiffness[c, 2] = STIFF / (middle + half), STIFF / (middle - half)
     return stiffness
+
+
+@njit(cache=True, error_model="numpy")
+def stiffen(problem, most, force, tolerance, stiffness):
+    """Raise the stiffness of contacts [C, 3] [N/m] so that their force [C, 3] [N] moves them by no more than is tolerated.
+
+    That is `tolerance` distances of touch. Stiffer than needed, the law would have kinks too sharp for Newton's iterations. It is
+    no less than is in proportion to the masses at the contact, and no more than the `most` [C, 3] of `align`.
+    """
+    for c in range(len(force)):
+        size = np.sqrt(force[c, 0] ** 2 + force[c, 1] ** 2 + force[c, 2] ** 2)
+        wanted = max(STIFF / problem.yielding[c], size / (tolerance * problem.touch[c]))
+        for i in range(3):
+            stiffness[c, i] = max(stiffness[c, i], min(most[c, i], wanted))
+
+
+@njit(cache=True, error_model="numpy")
+def _own_stiffness(problem, band, c, side, own):
+    """Write the stiffness [3, 3] of one side of contact c in its frame, nothing for a solid."""
+    own[:] = 0.0
+    for e in range(2 * side, 2 * side + 2):
+        square, row = problem.weight[c, e] ** 2, 4 * problem.vertex[c, e]
+        for i in range(3):
+            for j in range(3):
+                for a in range(3):
+                    for b in range(3):
+                        entry = band[row + max(a, b), abs(a - b)]
+                        own[i, j] += square * problem.frame[c, i, a] * problem.frame[c, j, b] * entry
 
 
 @njit(cache=True, error_model="numpy")
@@ -96,3 +128,25 @@ def relative(problem, c, moved, w):
         for j in range(3):
             f = problem.frame[c, j]
             w[j] += problem.weight[c, e] * (f[0] * moved[v, 0] + f[1] * moved[v, 1] + f[2] * moved[v, 2])
+
+
+def springs_of(contacts: Contacts, problem: ContactProblem, force: Floats, slope: Floats, x: Floats, strand: Ints) -> Springs:
+    """Return what contacts are to each of their strands while the other side stays where vertices are at x [V, 3] [m].
+
+    `force` [C, 3] [N] is in the frames, and `slope` [C, 4] [N/m] what it falls by: along the normal, and across 11, 12, 22.
+    """
+    push = np.einsum("cij,ci->cj", problem.frame, force)
+    local = np.zeros((len(force), 3, 3))
+    local[:, 0, 0], local[:, 1, 1], local[:, 2, 2] = slope[:, 0], slope[:, 1], slope[:, 3]
+    local[:, 1, 2] = local[:, 2, 1] = slope[:, 2]
+    stiffness = np.einsum("cia,cij,cjb->cab", problem.frame, local, problem.frame)
+    second = contacts.edge[:, 1] >= 0
+    vertex = np.concatenate([contacts.edge[:, 0], contacts.edge[second, 1]])
+    share = np.concatenate([contacts.share[:, 0], contacts.share[second, 1]])
+    order = np.argsort(strand[vertex], kind="stable")
+    vertex, share = vertex[order], share[order]
+    return Springs(
+        first=np.searchsorted(strand[vertex], np.arange(strand[-1] + 2)), vertex=vertex, share=share,
+        anchor=(1.0 - share[:, None]) * x[vertex] + share[:, None] * x[vertex + 1],
+        force=np.concatenate([push, -push[second]])[order], stiffness=np.concatenate([stiffness, stiffness[second]])[order],
+    )

@@ -5,6 +5,7 @@ from numba import njit, prange
 
 from engine.linalg import banded
 from engine.strands import potential
+from engine.strands import springs as held
 
 PIECES = 64  # of work; a strand's result does not depend on them
 ARMIJO = 1e-4  # share of the slope's promise that a step along the direction must keep
@@ -16,7 +17,8 @@ EDGE_CHANGE = 0.8  # of its length, at most, that an edge changes in an iteratio
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def advance(
-    model, inertia, which, x0, m1_0, spin0, twist0, h, tolerance, max_newton, x, m1, spin, twist, converged, iterations, residual
+    model, inertia, springs, which, x0, m1_0, spin0, twist0, h, tolerance, max_newton, x, m1, spin, twist, converged, iterations,
+    residual,
 ):
     """Solve the step from (x0, m1_0, spin0, twist0) into (x, m1, spin, twist) of every strand that is among `which` [S].
 
@@ -40,16 +42,16 @@ def advance(
             potential.begin(model, inertia, a, x0[a:b], m1_0[a:b], spin0[a:b], twist0[a:b], h, own, shape)
             vectors = (g[:n], direction[:n], x_trial[:n], turn[:n], turned[:n], turned_trial[:n])
             converged[s], made, residual[s] = newton(
-                own, shape, potential.first_of_geometry(other, n), vectors, band[: 4 * n], local, h, tolerance, max_newton,
+                own, springs, s, a, shape, potential.first_of_geometry(other, n), vectors, band[: 4 * n], local, h, tolerance, max_newton,
                 x[a:b], m1[a:b], spin[a:b], twist[a:b])
             iterations[s] += made
 
 
 @njit(cache=True, error_model="numpy")
-def newton(step, now, trial, vectors, band, local, h, tolerance, max_newton, x, m1, spin, twist):
-    """Solve one strand's step; returns whether it converged, the iterations, and the residual force over the scale of forces.
+def newton(step, springs, s, start, now, trial, vectors, band, local, h, tolerance, max_newton, x, m1, spin, twist):
+    """Solve the step of strand s; returns whether it converged, the iterations, and the residual force over the scale of forces.
 
-    x and h `spin` are as in `advance`. `now` is its shape at the start; `trial`, `vectors`, `band` [4V, 11] and `local`
+    x and h `spin` are as in `advance`. `start` is its first vertex, `now` its shape at the start; `trial`, `vectors`, `band` [4V, 11] and `local`
     [12, 8] are memory.
     """
     g, direction, x_trial, turn, turned, turned_trial = vectors
@@ -57,18 +59,19 @@ def newton(step, now, trial, vectors, band, local, h, tolerance, max_newton, x, 
         turned[i] = turn[i] = h * spin[i]
     potential.follow(x, turn, now, trial)
     now, trial = trial, now
-    value = potential.energy(x, turned, now, step, h)
+    value = potential.energy(x, turned, now, step, h) + held.energy(springs, s, start, x)
     if not np.isfinite(value):
         return False, 0, np.inf
     iteration = 0
     while True:
         potential.gradient(x, turned, now, step, h, local[0], g)
-        scale = max(potential.force_scale(now, step), potential.round_off(x, step, h) / tolerance)
+        pull = held.add_gradient(springs, s, start, x, step.held, g)
+        scale = max(potential.force_scale(now, step), pull, potential.round_off(x, step, h) / tolerance)
         residual = largest_force(g, now.length) / scale
         if residual <= tolerance or iteration == max_newton:
             break
         noise = ROUND_OFF * abs(value) + potential.rounding(x) * scale
-        slope = descent(now, step, h, g, local, band, direction)
+        slope = descent(now, step, springs, s, start, h, g, local, band, direction)
         alpha = longest = longest_step(x, direction)
         if not slope < 0.0:
             return False, iteration, residual
@@ -79,7 +82,7 @@ def newton(step, now, trial, vectors, band, local, h, tolerance, max_newton, x, 
                 turn[i] = alpha * direction[i, 3]
                 turned_trial[i] = turned[i] + turn[i]
             potential.follow(x_trial, turn, now, trial)
-            reached = potential.energy(x_trial, turned_trial, trial, step, h)
+            reached = potential.energy(x_trial, turned_trial, trial, step, h) + held.energy(springs, s, start, x_trial)
             if reached <= value + ARMIJO * alpha * slope + noise:
                 break
             alpha *= 0.5
@@ -94,12 +97,12 @@ def newton(step, now, trial, vectors, band, local, h, tolerance, max_newton, x, 
 
 
 @njit(cache=True, error_model="numpy")
-def descent(now, step, h, g, local, band, direction):
+def descent(now, step, springs, s, start, h, g, local, band, direction):
     """Write Newton's direction [V, 4], with the positive form of the Hessian where the true one is not; returns its slope.
 
     The slope is infinite where not even the positive form can be factorised.
     """
-    if not factorise(now, step, h, local, band):
+    if not factorise(now, step, springs, s, start, h, local, band):
         return np.inf
     for i in range(len(g)):
         for k in range(4):
@@ -113,15 +116,18 @@ def descent(now, step, h, g, local, band, direction):
 
 
 @njit(cache=True, error_model="numpy")
-def factorise(now, step, h, local, band):
+def factorise(now, step, springs, s, start, h, local, band):
     """Write the factor of the Hessian, or of its positive form where that has none; returns whether there is one."""
     potential.hessian(now, step, h, False, local, band)
+    held.add_hessian(springs, s, start, step.held, band)
     if banded.factorise(band):
         return True
     potential.hessian(now, step, h, True, local, band)
+    held.add_hessian(springs, s, start, step.held, band)
     shift = potential.EPSILON * band[:, 0].max()
     while not banded.factorise(band):  # rounding makes it indefinite where an edge is folded
         potential.hessian(now, step, h, True, local, band)
+        held.add_hessian(springs, s, start, step.held, band)
         band[:, 0] += shift
         shift *= 10.0
         if not shift < MOST * band[:, 0].max():

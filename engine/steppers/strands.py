@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from engine.arrays import Flags, Floats
-from engine.contact.augmented_lagrangian import displacements, law_error, solve
-from engine.contact.contact_problem import ContactProblem, contact_problem, contact_stiffness
+from engine.contact.augmented_lagrangian import solve
+from engine.contact.contact_problem import contact_problem, springs_of
 from engine.contact.obstacles import ObstacleMotion
 from engine.contact.strand_contacts import Contacts, Touching, no_contacts
 from engine.steppers.step_report import StepReport, Stopwatch
@@ -19,6 +19,7 @@ from engine.steppers.strand_newton import advance
 from engine.strands.loads import Inertia, StrandLoads, inertia
 from engine.strands.model import StrandModel, StrandState
 from engine.strands.settings import StrandSettings
+from engine.strands.springs import Springs, no_springs
 
 INNER = 0.1  # of the tolerance of contact, to which Gauss-Seidel goes
 
@@ -50,27 +51,30 @@ class StrandStepper:
         contacts = contacts.with_forces(state.contact_key, state.contact_force)
         which = np.ones(len(self.iterations), np.bool_)
         self.iterations[:] = 0
+        springs = no_springs(len(which))
         watch.lap("predict")
-        for _ in range(settings.max_rounds):
+        for round_ in range(settings.max_rounds):
             if len(contacts.edge):
-                problem = contact_problem(contacts, self.touching.strand, state.x, self._pull(contacts))
-                force = np.einsum("cij,cj->ci", problem.frame, contacts.force)
+                problem = contact_problem(contacts, self.touching.strand, self._pull(contacts), h * h / predicted.mass)
                 strands = linearised(self.model, predicted, problem.strand, state, after, h)
-                stiffness = contact_stiffness(problem, strands.band)
-                answer = solve(strands, problem, stiffness, after.x - state.x, force, INNER * settings.contact_tolerance,
+                force = contacts.force.copy()
+                answer = solve(strands, problem, after.x - state.x, force, INNER * settings.contact_tolerance,
                                settings.max_contact_rounds)
-                contacts.force[:] = np.einsum("cij,ci->cj", problem.frame, force)
+                contacts = contacts._replace(force=np.einsum("cij,ci->cj", problem.frame, force))
                 report.linear_iterations += answer.linear
+                moves = np.abs(answer.step[:, :3]).max() / contacts.touch.min()
                 watch.lap("contact")
-            if not self._solve_strands(_under(predicted, contacts, h), which, state, after, h, report):
+                if round_ > 0 and not len(met.edge) and max(moves, answer.error) <= settings.contact_tolerance:
+                    break
+                springs = springs_of(contacts, problem, force, answer.slope, after.x + answer.step[:, :3], self.touching.strand)
+            if not self._solve_strands(predicted, springs, which, state, after, h, report):
                 return report
             watch.lap("strands")
-            moved = after.x - state.x
-            met = self._near(state, moved, obstacles, contacts)
+            met = self._near(state, after.x - state.x, obstacles, contacts)
             watch.lap("detect")
-            if not len(met.edge) and (not len(contacts.edge) or self._lawful(problem, stiffness, moved, force)):
-                break
             contacts = contacts.and_also(met)
+            if not len(contacts.edge):
+                break
             which = self.touching.strands_of(contacts)
         else:
             report.reason = "strands and contacts did not agree"
@@ -96,12 +100,12 @@ class StrandStepper:
         return found
 
     def _solve_strands(
-        self, under: Inertia, which: Flags, before: StrandState, after: StrandState, h: float, report: StepReport
+        self, predicted: Inertia, springs: Springs, which: Flags, before: StrandState, after: StrandState, h: float, report: StepReport
     ) -> bool:
         """Solve the strands `which` [S] from what `after` holds; False where one does not converge."""
         settings = self.settings
         converged, residual = np.ones(len(which), np.bool_), np.zeros(len(which))
-        advance(self.model, under, which, before.x, before.m1, before.spin, before.twist, h, settings.tolerance,
+        advance(self.model, predicted, springs, which, before.x, before.m1, before.spin, before.twist, h, settings.tolerance,
                 settings.max_newton, after.x, after.m1, after.spin, after.twist, converged, self.iterations, residual)
         report.newton_iterations = int(self.iterations.max(initial=0))
         report.residual = float(residual.max(initial=0.0))
@@ -121,12 +125,6 @@ class StrandStepper:
         pull[strands] = self.settings.cohesion * share[edge].min(axis=1)
         return pull
 
-    def _lawful(self, problem: ContactProblem, stiffness: Floats, moved: Floats, force: Floats) -> bool:
-        """Whether contacts with these forces keep Coulomb's law where vertices move so."""
-        w = np.empty_like(force)
-        displacements(problem, moved, w)
-        return law_error(problem, stiffness, w, force) <= self.settings.contact_tolerance
-
     def _commit(self, state: StrandState, after: StrandState, contacts: Contacts, h: float, report: StepReport) -> None:
         """Take over what a step has come to."""
         after.velocity = (after.x - state.x) / h
@@ -139,8 +137,3 @@ class StrandStepper:
         vars(state).update(vars(after))
         report.accepted = True
 
-
-def _under(predicted: Inertia, contacts: Contacts, h: float) -> Inertia:
-    """Return what is predicted, under the forces of contacts."""
-    force = contacts.on_vertices(contacts.force, len(predicted.mass))
-    return predicted._replace(target=predicted.target + h * h / predicted.mass[:, None] * force)
