@@ -4,9 +4,9 @@ Sweeps over single contacts, as the paper makes them, come to a stop where stran
 tension, and the forces between them differ by what only its stretch answers, which is 1e4 times stiffer than its mass. Here a
 strand is solved with all of its contacts at once. Contacts are springs of about the stiffness of the strands that they join, cut
 off by Coulomb's law; what a spring is short of is added to its force, until springs are at rest where the law wants them
-(`cones`). What is left in between is convex and smooth but for kinks: Newton's iterations with conjugate gradients, preconditioned
-by the banded factor of every strand with its own ends of contacts. For one strand on solids that is exact. Limits of friction are
-those of the round before.
+(`cones`). What is left in between is convex and smooth but for kinks: Newton's iterations with conjugate gradients,
+preconditioned by the banded factor of every strand with its own ends of contacts. For one strand on solids that is exact. Limits
+of friction are those of the round before.
 """
 
 from typing import NamedTuple

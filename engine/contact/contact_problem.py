@@ -63,10 +63,10 @@ def _frames(normal: Floats) -> Floats:
 
 @njit(cache=True, error_model="numpy")
 def align(problem, band):
-    """Turn the frames so that contacts are softest in one direction across the normal; returns their most stiffness [N/m], [C, 3].
+    """Turn the frames so that contacts are softest in one direction across the normal; returns their largest stiffness [C, 3].
 
-    It is in proportion to that of their strands, whose Hessians are `band` [4V, w+1], where all but the vertices at the contact
-    is held. What the two sides yield adds up: strands that cross are soft along each other, for neither can hold the other.
+    It is, in N/m, in proportion to that of their strands, whose Hessians are `band` [4V, w+1], where all but the vertices at the
+    contact is held. What both sides yield adds up: strands that cross are soft along each other, for neither can hold the other.
     """
     stiffness, own, soft = np.empty((len(problem.gap), 3)), np.empty((3, 3)), np.empty(4)
     for c in range(len(problem.gap)):

@@ -17,7 +17,7 @@ from engine.geometry.solids import moved_along
 from engine.strands.model import StrandModel
 
 NEAR = 0.05  # of the distance at which two touch, within which they are in contact from the start
-MENDED = 0.2  # of a small overlap, that a step takes back
+MENDING = 5e-3  # time in which a small overlap is taken back [s]
 SMALL = 0.1  # overlaps, of the distance at which two touch; larger ones stay as they are
 SOLID = -1  # second edge of a contact with solid number 0; that with number o is SOLID - o
 
@@ -105,6 +105,7 @@ class Touching:
         self.segment = np.flatnonzero(~self.last)
         self.strand = np.repeat(np.arange(len(model.start) - 1), np.diff(model.start))
         self.radius = np.sqrt(model.radius[:, 0] * model.radius[:, 1])
+        self.fixed = model.held[:, :3].all(axis=1)
         self.along = np.concatenate([[0.0], np.cumsum(model.rest_length)[:-1]])
 
     def strands_of(self, contacts: Contacts) -> Flags:
@@ -114,12 +115,16 @@ class Touching:
         which[self.strand[contacts.edge[contacts.edge[:, 1] >= 0, 1]]] = True
         return which
 
-    def between_strands(self, x: Floats, motion: Floats, known: Contacts) -> Contacts:
-        """Return contacts of edges, beside those `known`, on the way along `motion` [V, 3] from x [V, 3] [m]."""
+    def between_strands(self, x: Floats, motion: Floats, h: float, known: Contacts) -> Contacts:
+        """Return contacts of edges, beside those `known`, on the way along `motion` [V, 3] from x [V, 3] [m] in h [s].
+
+        Two edges whose motion is given have none.
+        """
         near = (1.0 + NEAR) * self.radius + 0.5 * self.reach
         pairs = self.segment[near_pairs(x, motion, self.segment, near[self.segment])]
+        given = self.fixed[pairs] & self.fixed[pairs + 1]
         edge, share, time, before = edge_meetings.find(
-            pairs, x, motion, self.radius, near, self.strand, self.along, _keys(known.edge))
+            pairs[~given.all(axis=1)], x, motion, self.radius, near, self.strand, self.along, _keys(known.edge))
         place = _on(edge, share, x)
         apart = place[:, 0] - place[:, 1]
         way = _on(edge, share, motion)
@@ -128,11 +133,16 @@ class Touching:
         normal = (apart + moved) / distance[:, None]
         touch = self.radius[edge].sum(axis=1)
         friction = np.sqrt(self.friction[self.strand[edge]].prod(axis=1))
-        return Contacts(edge, share, normal, distance - np.einsum("ck,ck->c", normal, moved), touch, _kept(before, touch),
+        kept = self._kept(before, touch, h, edge)
+        return Contacts(edge, share, normal, distance - np.einsum("ck,ck->c", normal, moved), touch, kept,
                         carried=np.zeros_like(normal), friction=friction, force=np.zeros_like(normal))
 
-    def with_solids(self, x: Floats, motion: Floats, obstacles: ObstacleMotion, known: Contacts) -> Contacts:
-        """Return contacts with solids, beside those `known`, on the way along `motion` [V, 3] from x [V, 3] [m]."""
+    def with_solids(self, x: Floats, motion: Floats, h: float, obstacles: ObstacleMotion, known: Contacts) -> Contacts:
+        """Return contacts with solids, beside those `known`, on the way along `motion` [V, 3] from x [V, 3] [m] in h [s].
+
+        Places whose motion is given have none.
+        """
+        inner = self.segment[~(self.fixed[self.segment] & self.fixed[self.segment + 1])]
         found = no_contacts()
         near = (1.0 + NEAR) * self.radius
         for o in range(len(obstacles.friction)):
@@ -143,7 +153,9 @@ class Touching:
             met = np.bincount(edge[~inside] + (share[~inside] == 1.0), minlength=len(x))
             vertex, *at_vertices = solid_meetings.at_vertices(obstacles.end, o, there, way, self.radius, near, met)
             met = np.bincount(edge[inside], minlength=len(x))
-            edge, share, *within = solid_meetings.within_edges(obstacles.end, o, there, way, self.radius, near, self.segment, met)
+            edge, share, *within = solid_meetings.within_edges(obstacles.end, o, there, way, self.radius, near, inner, met)
+            free = ~self.fixed[vertex]
+            vertex, at_vertices = vertex[free], [values[free] for values in at_vertices]
             edge = np.concatenate([vertex - self.last[vertex], edge])
             share = np.concatenate([self.last[vertex].astype(float), share])
             time, normal, distance, before = (np.concatenate(both) for both in zip(at_vertices, within, strict=True))
@@ -155,12 +167,23 @@ class Touching:
                 normal=normal,
                 apart=distance - np.einsum("ck,ck->c", normal, moved),
                 touch=touch,
-                kept=_kept(before, touch),
+                kept=self._kept(before, touch, h, edge[:, None]),
                 carried=_on(edge[:, None], share[:, None], there - x)[:, 0],
                 friction=np.full(len(edge), obstacles.friction[o]),
                 force=np.zeros_like(normal),
             ))
         return found
+
+
+    def _kept(self, distance: Floats, touch: Floats, h: float, edge: Ints) -> Floats:
+        """The distance that contacts are to keep whose sides are so far apart at the start of the step.
+
+        Small overlaps are taken back in time, but not beside what is held, which may not yield.
+        """
+        overlap = touch - distance
+        yields = ~(self.fixed[edge] | self.fixed[edge + 1]).any(axis=1)
+        mended = overlap * min(h / MENDING, 1.0) * (yields & (overlap < SMALL * touch))
+        return np.where(overlap <= 0.0, touch, distance + mended)
 
 
 def _keys(edge: Ints) -> Ints:
@@ -171,9 +194,3 @@ def _keys(edge: Ints) -> Ints:
 def _on(edge: Ints, share: Floats, values: Floats) -> Floats:
     """What `values` [V, 3] are at places on edges [C, n], shape [C, n, 3]."""
     return (1.0 - share[:, :, None]) * values[edge] + share[:, :, None] * values[edge + 1]
-
-
-def _kept(distance: Floats, touch: Floats) -> Floats:
-    """The distance that a contact is to keep whose sides are so far apart at the start of the step."""
-    overlap = touch - distance
-    return np.where(overlap <= 0.0, touch, np.where(overlap < SMALL * touch, touch - (1.0 - MENDED) * overlap, distance))

@@ -40,9 +40,10 @@ def advance(
             n = b - a
             own, shape = potential.first_of_step(step, n), potential.first_of_geometry(now, n)
             potential.begin(model, inertia, a, x0[a:b], m1_0[a:b], spin0[a:b], twist0[a:b], h, own, shape)
+            shape_tried = potential.first_of_geometry(other, n)
             vectors = (g[:n], direction[:n], x_trial[:n], turn[:n], turned[:n], turned_trial[:n])
             converged[s], made, residual[s] = newton(
-                own, springs, s, a, shape, potential.first_of_geometry(other, n), vectors, band[: 4 * n], local, h, tolerance, max_newton,
+                own, springs, s, a, shape, shape_tried, vectors, band[: 4 * n], local, h, tolerance, max_newton,
                 x[a:b], m1[a:b], spin[a:b], twist[a:b])
             iterations[s] += made
 
@@ -51,8 +52,8 @@ def advance(
 def newton(step, springs, s, start, now, trial, vectors, band, local, h, tolerance, max_newton, x, m1, spin, twist):
     """Solve the step of strand s; returns whether it converged, the iterations, and the residual force over the scale of forces.
 
-    x and h `spin` are as in `advance`. `start` is its first vertex, `now` its shape at the start; `trial`, `vectors`, `band` [4V, 11] and `local`
-    [12, 8] are memory.
+    x and h `spin` are as in `advance`. `start` is its first vertex, `now` its shape at the start; `trial`, `vectors`, `band`
+    [4V, 11] and `local` [12, 8] are memory.
     """
     g, direction, x_trial, turn, turned, turned_trial = vectors
     for i in range(len(x)):

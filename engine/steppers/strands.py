@@ -47,13 +47,13 @@ class StrandStepper:
         report, watch, settings = StepReport(), Stopwatch(), self.settings
         predicted = inertia(self.model, state, loads or StrandLoads(), self.gravity, h)
         after = self._first_guess(state, given, h)
-        contacts = self._near(state, np.zeros_like(state.x), obstacles, no_contacts())
+        contacts = self._near(state, np.zeros_like(state.x), h, obstacles, no_contacts())
         contacts = contacts.with_forces(state.contact_key, state.contact_force)
         which = np.ones(len(self.iterations), np.bool_)
         self.iterations[:] = 0
-        springs = no_springs(len(which))
+        springs, met = no_springs(len(which)), contacts
         watch.lap("predict")
-        for round_ in range(settings.max_rounds):
+        for _ in range(settings.max_rounds):
             if len(contacts.edge):
                 problem = contact_problem(contacts, self.touching.strand, self._pull(contacts), h * h / predicted.mass)
                 strands = linearised(self.model, predicted, problem.strand, state, after, h)
@@ -64,13 +64,13 @@ class StrandStepper:
                 report.linear_iterations += answer.linear
                 moves = np.abs(answer.step[:, :3]).max() / contacts.touch.min()
                 watch.lap("contact")
-                if round_ > 0 and not len(met.edge) and max(moves, answer.error) <= settings.contact_tolerance:
+                if not len(met.edge) and max(moves, answer.error) <= settings.contact_tolerance:
                     break
                 springs = springs_of(contacts, problem, force, answer.slope, after.x + answer.step[:, :3], self.touching.strand)
             if not self._solve_strands(predicted, springs, which, state, after, h, report):
                 return report
             watch.lap("strands")
-            met = self._near(state, after.x - state.x, obstacles, contacts)
+            met = self._near(state, after.x - state.x, h, obstacles, contacts)
             watch.lap("detect")
             contacts = contacts.and_also(met)
             if not len(contacts.edge):
@@ -90,17 +90,18 @@ class StrandStepper:
         held, (x, turn) = self.model.held, given
         return replace(state.copy(), x=np.where(held[:, :3], x, state.x), spin=np.where(held[:, 3], turn, 0.0) / h)
 
-    def _near(self, state: StrandState, moved: Floats, obstacles: ObstacleMotion | None, known: Contacts) -> Contacts:
+    def _near(self, state: StrandState, moved: Floats, h: float, obstacles: ObstacleMotion | None, known: Contacts) -> Contacts:
         """Contacts beside those known when vertices move so [V, 3] [m]."""
         if self.settings.contact == "none":
             return no_contacts()
-        found = self.touching.between_strands(state.x, moved, known)
+        found = self.touching.between_strands(state.x, moved, h, known)
         if obstacles is not None and len(obstacles.friction):
-            found = found.and_also(self.touching.with_solids(state.x, moved, obstacles, known))
+            found = found.and_also(self.touching.with_solids(state.x, moved, h, obstacles, known))
         return found
 
     def _solve_strands(
-        self, predicted: Inertia, springs: Springs, which: Flags, before: StrandState, after: StrandState, h: float, report: StepReport
+        self, predicted: Inertia, springs: Springs, which: Flags, before: StrandState, after: StrandState, h: float,
+        report: StepReport,
     ) -> bool:
         """Solve the strands `which` [S] from what `after` holds; False where one does not converge."""
         settings = self.settings
