@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from engine.scene.curve_files import read_curve_files
 from engine.scene.document import SIZE_LIMIT, override, parse
 from engine.scene.meshes import read_mesh_files
 from engine.scene.problems import Problem, SceneError, first_problems, problems_of
@@ -27,7 +28,9 @@ def load_scene(source: Path | bytes | str | dict[str, Any], overrides: Sequence[
     document = deepcopy(source) if isinstance(source, dict) else parse(_bytes_of(source))
     for assignment in overrides:
         override(document, assignment)
-    read_mesh_files(document, source.parent if isinstance(source, Path) else None)
+    directory = source.parent if isinstance(source, Path) else None
+    read_mesh_files(document, directory)
+    read_curve_files(document, directory)
     try:
         scene = Scene.model_validate(document)
     except ValidationError as error:

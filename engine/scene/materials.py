@@ -1,4 +1,4 @@
-"""Yarn materials as scenes give them, presets among them, and the constants that the engine takes."""
+"""Materials of yarns and strands as scenes give them, presets among them, and the constants that the engine takes."""
 
 from math import pi
 from typing import Annotated, Self
@@ -14,7 +14,7 @@ _AT_MOST = ("bending_stiffness", "bending_modulus")
 
 
 class Material(Part):
-    """What a yarn is made of. Damping, and stiffness in bending and shear, are zero where not given."""
+    """What a yarn or strand is made of. Damping, and stiffness in bending and shear, are zero where not given."""
 
     radius: Annotated[float, Field(ge=1e-7, le=10)]
     """Radius R [m]."""
@@ -36,7 +36,9 @@ class Material(Part):
     mass_damping: NotNegative = 0.0
     """Damping alpha [1/s] of all motion."""
     stretch_damping: NotNegative = 0.0
-    """Damping beta [s] of the rate of stretch, relative to the stiffness."""
+    """Damping beta [s] of the rate of stretch, of strands also of those of bending and twist, relative to the stiffness."""
+    poisson_ratio: Annotated[float, Field(gt=-1, le=0.5)] = 0.35
+    """Of strands, for their stiffness in twist; yarns have none."""
 
     @model_validator(mode="after")
     def _says_each_thing_once(self) -> Self:
@@ -66,6 +68,8 @@ PRESETS = {
         radius=0.26e-3, volume_density=770.0, youngs_modulus=2.5e7, bending_modulus=2.5e6,
         mass_damping=0.1, stretch_damping=1e-3,
     ),
+    # human hair, a strand
+    "hair": Material(radius=4e-5, volume_density=1300.0, youngs_modulus=3e9, mass_damping=1.0, stretch_damping=1e-4),
 }
 
 

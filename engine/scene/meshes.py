@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from engine.contact.surface import SampledSurface, Surface, sampled, samples_along
+from engine.scene.beside import read_beside, unread
 from engine.scene.materials import known_materials
 from engine.scene.problems import Problem, SceneError, shown
 from engine.scene.schema import Mesh, Scene
@@ -47,8 +49,7 @@ def mesh_problems(scene: Scene) -> Iterator[Problem]:
         if mesh.file is not None and (mesh.vertices or mesh.faces):
             yield Problem(f"{path}.file", "stands beside vertices or faces", "one of both")
         elif mesh.file is not None:
-            yield Problem(f"{path}.file", "is not read for a scene that does not come from a file itself: "
-                          "nobody may ask a service for files of its machine", "vertices and faces in the scene")
+            yield unread(f"{path}.file", "vertices and faces")
         else:
             yield from _surface_problems(path, mesh, reach)
 
@@ -60,13 +61,14 @@ def contact_reach(scene: Scene) -> float:
     fabrics = [
         max(known[name].radius for name in (fabric.material, fabric.weft_material or fabric.material))
         if fabric.obstacle_distance is None else fabric.obstacle_distance for fabric in scene.fabrics]
-    return max(yarns + fabrics)
+    strands = [group.widest(known[group.material].radius) for group in scene.strands]
+    return max(yarns + fabrics + strands)
 
 
 @lru_cache(maxsize=8)  # a job's simulation and its recorder ask for the same
 def sampled_mesh(mesh: Mesh, reach: float) -> SampledSurface:
     """Return a mesh that has no problems, sampled so that contact at distances up to `reach` [m] is felt."""
-    surface = _surface(mesh)
+    surface = surface_of(mesh)
     return sampled(surface, mesh.resolution or _default_resolution(surface), reach)
 
 
@@ -74,8 +76,8 @@ def _default_resolution(surface: Surface) -> float:
     return float(surface.extent.max()) / DIVISIONS
 
 
-def _surface(mesh: Mesh) -> Surface:
-    """The surface with vertices at one place made one, triangles counter-clockwise from outside."""
+def surface_of(mesh: Mesh) -> Surface:
+    """Return the surface with vertices at one place made one, triangles counter-clockwise from outside."""
     import trimesh  # takes longer to import than all else that a scene without meshes needs
 
     merged = trimesh.Trimesh(np.array(mesh.vertices, float), np.array(mesh.faces, np.int64), process=True)
@@ -94,7 +96,7 @@ def _surface_problems(path: str, mesh: Mesh, reach: float) -> Iterator[Problem]:
         return
     import trimesh
 
-    surface = _surface(mesh)
+    surface = surface_of(mesh)
     body = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     extent = float(surface.extent.max())
     if not (body.is_watertight and body.is_winding_consistent):
@@ -112,26 +114,12 @@ def _surface_problems(path: str, mesh: Mesh, reach: float) -> Iterator[Problem]:
 
 def _read(path: str, name: str, directory: Path) -> Surface:
     """Read a mesh; `path` is where the scene names it."""
-    kind = Path(name).suffix[1:].lower()
-    if kind not in FILE_TYPES:
-        raise SceneError([Problem(path, f"cannot be {shown(name)}", f"files that end in {', '.join(FILE_TYPES)}")])
-    base = directory.resolve()
-    place = (base / name).resolve()
-    if Path(name).is_absolute() or ".." in Path(name).parts or not place.is_relative_to(base):
-        raise SceneError([Problem(path, f"{shown(name)} is not beside the scene: a scene reads no other files",
-                                  "a path from the scene's own directory downwards, without ..")])
+    content, kind = read_beside(path, name, directory, FILE_TYPES, FILE_LIMIT)
     try:
-        if place.stat().st_size > FILE_LIMIT:
-            raise SceneError([Problem(path, f"{shown(name)} is too large", f"at most {FILE_LIMIT:,} bytes")])
-        with place.open("rb") as file:
-            import trimesh
+        import trimesh
 
-            # a file object leads to no other files, such as materials
-            found = trimesh.load_scene(file, file_type=kind).to_mesh()
-    except OSError as error:
-        raise SceneError([Problem(path, f"cannot be read from {shown(name)}: {error.strerror}")]) from None
-    except SceneError:
-        raise
+        # bytes lead to no other files, such as materials
+        found = trimesh.load_scene(BytesIO(content), file_type=kind).to_mesh()
     except Exception as error:  # whatever a reader of a foreign format comes upon
         raise SceneError([Problem(path, f"{shown(name)} cannot be read as {kind}: {type(error).__name__}")]) from None
     return Surface(np.asarray(found.vertices, float), np.asarray(found.faces, np.int64))

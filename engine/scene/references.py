@@ -9,15 +9,17 @@ from engine.scene.meshes import mesh_problems
 from engine.scene.outline import touching_sides
 from engine.scene.problems import Problem, unknown_name
 from engine.scene.rods import held_points, piece_lengths, piece_segments
-from engine.scene.schema import Box, Fabric, Handle, Scene, Yarn
+from engine.scene.schema import Box, Fabric, Handle, Obstacle, Scene, Yarn
 from engine.scene.stack import COUNTED, levels
+from engine.scene.strand_groups import Strands
+from engine.scene.strand_problems import strand_problems
 from engine.scene.weave import weave
 
 
 def disagreements(scene: Scene) -> Iterator[Problem]:
     """Yield what does not agree; later checks rely on earlier ones, so the first kind of problems ends the search."""
-    checks = (_step, _names, _known_names, _lines, _held_points, _ends, _patches, _outlines, _stacks, _edges, _crimp,
-              mesh_problems)
+    checks = (_step, _components, _names, _known_names, _lines, _held_points, _ends, _patches, _outlines, _stacks, _edges,
+              _crimp, mesh_problems, *strand_problems)
     for check in checks:
         problem = None
         for problem in check(scene):
@@ -34,16 +36,26 @@ def _step(scene: Scene) -> Iterator[Problem]:
         yield Problem("step.max", f"is {step.max:g}", f"at least the default step, {step.default:g}")
 
 
+def _components(scene: Scene) -> Iterator[Problem]:
+    """There is something to simulate, of one kind."""
+    yarns = bool(scene.yarns or scene.fabrics)
+    if not yarns and not scene.strands:
+        yield Problem("", "has nothing to simulate", "one entry at least in strands, yarns or fabrics")
+    elif yarns and scene.strands:
+        yield Problem("strands", "stand beside yarns or fabrics: the two do not feel each other yet", "one of both in a scene")
+    elif scene.strands and scene.contact.self:
+        yield Problem("contact.self", "is about yarns only", "false: strands have strand_step.contact")
+
+
 def _names(scene: Scene) -> Iterator[Problem]:
-    if not scene.yarns and not scene.fabrics:
-        yield Problem("", "has nothing to simulate", "one entry at least in yarns or fabrics")
-    kinds: dict[str, Sequence[Yarn | Fabric | Handle]] = {
-        "yarns": scene.yarns, "fabrics": scene.fabrics, "script.handles": scene.script.handles,
+    kinds: dict[str, Sequence[Yarn | Fabric | Strands | Obstacle | Handle]] = {
+        "yarns": scene.yarns, "fabrics": scene.fabrics, "strands": scene.strands, "obstacles": scene.obstacles,
+        "script.handles": scene.script.handles,
     }
     for path, parts in kinds.items():
         first: dict[str, int] = {}
         for i, part in enumerate(parts):
-            if first.setdefault(part.name, i) != i:
+            if part.name is not None and first.setdefault(part.name, i) != i:
                 other = f"{path}[{first[part.name]}]"
                 yield Problem(f"{path}[{i}].name", f"is the name of {other} too", "a name of its own")
 
@@ -52,6 +64,7 @@ def _known_names(scene: Scene) -> Iterator[Problem]:
     known = {
         "material": list(known_materials(scene.materials)), "fabric": [fabric.name for fabric in scene.fabrics],
         "yarn": [yarn.name for yarn in scene.yarns], "handle": [handle.name for handle in scene.script.handles],
+        "obstacle": [obstacle.name for obstacle in scene.obstacles if obstacle.name is not None],
     }
     sets = {kind: set(names) for kind, names in known.items()}
     for kind, path, name in _references(scene):
@@ -80,6 +93,12 @@ def _references(scene: Scene) -> Iterator[tuple[str, str, str | None]]:
     for i, contact in enumerate(scene.contacts):
         yield "fabric", f"contacts[{i}].lower", contact.lower
         yield "fabric", f"contacts[{i}].upper", contact.upper
+    for i, group in enumerate(scene.strands):
+        yield "material", f"strands[{i}].material", group.material
+        yield "handle", f"strands[{i}].root.handle", group.root.handle
+        yield "handle", f"strands[{i}].tip.handle", group.tip.handle
+        if group.groom is not None:
+            yield "obstacle", f"strands[{i}].groom.on", group.groom.on
 
 
 def _lines(scene: Scene) -> Iterator[Problem]:

@@ -15,7 +15,6 @@ from engine.scene.quantities import (
     Length,
     Many,
     Name,
-    NotNegative,
     OneOrPair,
     Part,
     Place,
@@ -28,57 +27,10 @@ from engine.scene.quantities import (
     Vector,
     by_form,
 )
-from engine.yarns.settings import YarnSettings
+from engine.scene.steps import Step, StrandStep
+from engine.scene.strand_groups import Strands
 
 INCH = 0.0254  # [m]
-
-
-class Step(Part):
-    """The time step, and the knobs of speed against error of one step."""
-
-    default: Seconds = 1e-3
-    """Time step [s]."""
-    min: Seconds = Field(default_factory=lambda step: max(step["default"] / 1024, 1e-9))
-    """A job whose step must become shorter than this [s] fails; by default after ten halvings."""
-    max: Seconds = Field(default_factory=lambda step: step["default"])
-    """The step never grows longer than this [s]; by default no longer than `default`."""
-    safety_distance: Annotated[float, Field(gt=0, le=0.45)] = YarnSettings.safety_distance
-    """Nodes that come nearer than this, in rest segments, become EIL nodes."""
-    constraint_factor: Positive = YarnSettings.constraint_factor
-    """Stiffness that holds EIL contacts together, over stretch stiffness / rest segment."""
-    gap_tolerance: Positive = YarnSettings.gap_tolerance
-    """Gap of EIL contacts that a step may leave, in yarn radii."""
-    friction_law: Literal["isotropic", "box"] = YarnSettings.friction_law
-    """Friction between two yarns is limited in every direction alike, or (`box`) along each yarn by itself, up to sqrt 2
-    too strongly between them."""
-    friction_factor: Positive = YarnSettings.friction_factor
-    """Stiffness of friction anchors, over stretch stiffness / rest segment."""
-    parallel_factor: NotNegative = YarnSettings.parallel_factor
-    """Stiffness of contact between neighbouring parallel yarns of a fabric, over stretch stiffness / rest segment."""
-    obstacle_factor: Positive = YarnSettings.obstacle_factor
-    """Stiffness of contact with obstacles, over stretch stiffness / rest segment."""
-    tolerance: Annotated[float, Field(gt=0, le=1)] = YarnSettings.tolerance
-    """Residual force that ends Newton's iterations, relative to the force scale of the step."""
-    max_newton: Annotated[int, Field(ge=1, le=1000)] = YarnSettings.max_newton
-    """Newton iterations after which the step is tried again with half the size."""
-    linear_tolerance: Annotated[float, Field(gt=0, lt=1)] = YarnSettings.linear_tolerance
-    """Relative residual of the linear solve inside Newton."""
-    max_linear: Count = YarnSettings.max_linear
-    """Iterations of the linear solve."""
-    gauge: Annotated[float, Field(ge=0, le=1)] = YarnSettings.gauge
-    """Viscous hold of sliding coordinates, for contacts of parallel yarns."""
-    eil: bool = YarnSettings.eil
-    """Replace nodes that come too near to each other by EIL nodes; off only to show what then fails."""
-    optimal_transition: bool = YarnSettings.optimal_transition
-    """Move nodes along the yarn where they change kind, for the smallest jump of energy."""
-    separation_time: NotNegative = YarnSettings.separation_time
-    """For how long a contact between fabrics pulls, without a break, before it is removed [s]; one step at least."""
-    separation_force: NotNegative = YarnSettings.separation_force
-    """Pull that counts as pulling, in weights of a rest segment or, where that is more, thousandths of the largest tension:
-    layers under tension are not flatter than that. Forces about to count are found to ten times this, or the tolerance."""
-    dynamic_contacts: bool = YarnSettings.dynamic_contacts
-    """Let contacts of `contacts` that have ended, or lie within their `reach`, begin where yarns would pass through each
-    other."""
 
 
 class Hold(Part):
@@ -253,6 +205,8 @@ class Contact(Part):
 
 
 class _Solid(Part):
+    name: Name | None = None
+    """What grooms call it."""
     position: Vector = (0.0, 0.0, 0.0)
     """Centre [m], for a plane any of its points."""
     rotation: Angles = (0.0, 0.0, 0.0)
@@ -366,7 +320,7 @@ class Output(Part):
 
 
 class Scene(Part):
-    """A scene: yarns and fabrics, what they touch, what moves them, and how they are simulated."""
+    """A scene: yarns and fabrics or strands, what they touch, what moves them, and how they are simulated."""
 
     strandline: Literal[1]
     """Version of the format."""
@@ -379,6 +333,7 @@ class Scene(Part):
     fps: Annotated[float, Field(ge=1e-3, le=1e6)] = 30.0
     """Frames per simulated second."""
     step: Step = Step()
+    strand_step: StrandStep = StrandStep()
     materials: Annotated[dict[Name, Material], Field(max_length=1000, default_factory=dict)]
     """Materials by name, beside the presets."""
     yarns: Several[Yarn] = ()
@@ -386,6 +341,7 @@ class Scene(Part):
     fabrics: Few[Fabric] = ()
     contacts: Several[Contact] = ()
     contact: Collisions = Collisions()
+    strands: Several[Strands] = ()
     obstacles: Few[Obstacle] = ()
     script: Script = Script()
     output: Output = Output()

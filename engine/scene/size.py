@@ -22,21 +22,23 @@ class SizeEstimate:
 
     nodes: int
     points: int
+    strand_vertices: int
     frames: int
     steps: int  # at the default step
 
 
 @dataclass(frozen=True)
 class PartSize:
-    """Points and nodes that come from one part of a scene."""
+    """Points and nodes of yarns, and vertices of strands, that come from one part of a scene."""
 
     path: str
     points: int
     nodes: int
+    strand_vertices: int = 0
 
 
 def estimate(scene: Scene) -> SizeEstimate:
-    """Return the size of a scene; nodes and points are exact. The cost grows with the number
+    """Return the size of a scene; nodes, points and vertices are exact. The cost grows with the number
     of yarns, in patches with an outline with that of crossings."""
     parts = list(part_sizes(scene))
     frames = int(scene.duration * scene.fps + 1e-9) + 1
@@ -44,6 +46,7 @@ def estimate(scene: Scene) -> SizeEstimate:
     return SizeEstimate(
         nodes=sum(part.nodes for part in parts),
         points=sum(part.points for part in parts),
+        strand_vertices=sum(part.strand_vertices for part in parts),
         frames=frames,
         # frames shorten steps, so that one ends at every frame
         steps=max(ceil(scene.duration / scene.step.default - 1e-9), steps_a_frame * (frames - 1)),
@@ -51,7 +54,7 @@ def estimate(scene: Scene) -> SizeEstimate:
 
 
 def part_sizes(scene: Scene) -> Iterator[PartSize]:
-    """Yield the size of every part of a scene that brings points."""
+    """Yield the size of every part of a scene that brings points or vertices."""
     held = held_points(scene)
     for i, yarn in enumerate(scene.yarns):
         points = int(piece_segments(yarn).sum()) + 1 - len(held[yarn.name]) + len(yarn.eyelets)
@@ -70,14 +73,16 @@ def part_sizes(scene: Scene) -> Iterator[PartSize]:
             for fabric in scene.fabrics:
                 count = sum(len(yarn) for _, _, yarn, _ in edge_crossings(scene, box, fabric, patches[fabric.name]))
                 yield PartSize(f"obstacles[{i}].edges", count, count)
+    for i, group in enumerate(scene.strands):
+        yield PartSize(f"strands[{i}]", 0, 0, sum(group.vertex_counts))
 
 
 def excesses(scene: Scene) -> Iterator[Problem]:
     """Yield what makes a scene too large to be simulated."""
     size = estimate(scene)
-    if size.points > POINT_LIMIT:
-        largest = max(part_sizes(scene), key=lambda part: part.points)
-        message = f"the scene has {size.points:,} points, most of them here"
+    if (total := size.points + size.strand_vertices) > POINT_LIMIT:
+        largest = max(part_sizes(scene), key=lambda part: part.points + part.strand_vertices)
+        message = f"the scene has {total:,} {'vertices' if size.strand_vertices else 'points'}, most of them here"
         yield Problem(largest.path, message, f"at most {POINT_LIMIT:,}")
     if size.frames > FRAME_LIMIT:
         yield Problem("fps", f"gives {size.frames:,} frames", f"at most {FRAME_LIMIT:,}")

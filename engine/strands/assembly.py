@@ -101,7 +101,7 @@ class _Shape:
         return np.array(transport(tuple(self.m1[0]), tuple(self.t[0]), tuple(t / np.linalg.norm(t))))
 
 
-def _sections(axes: Floats, length: Floats, material: StrandMaterial) -> dict[str, Floats | Flags]:
+def _sections(axes: Floats, length: Floats, material: StrandMaterial) -> dict[str, Floats | Flags | Ints]:
     """Masses and stiffnesses of elliptic cross-sections with semi-axes `axes` [n, 2] on edges of rest `length` [n]."""
     a, b = axes.T
     area = np.pi * a * b

@@ -11,3 +11,11 @@ def cloth(name="cloth", **parts):
 
 def rod(name="rod", **parts):
     return {"name": name, "material": "cotton-thick", "points": [[0, 0, 0], [1, 0, 0]]} | parts
+
+
+def hair(name="hair", **parts):
+    return {"name": name, "material": "hair"} | parts
+
+
+def groom(**parts):
+    return hair(groom={"count": 20, "length": 0.1} | ({} if "on" in parts else {"rectangle": [0.1, 0.05]}) | parts)

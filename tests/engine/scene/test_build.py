@@ -1,5 +1,8 @@
 """What scenes become: weaves, stacks, edges, rods, handles, obstacles."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +15,7 @@ from engine.scene.load import load_scene, shipped_scenes
 from engine.scene.materials import PRESETS, yarn_material
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
 from engine.yarns.model import PointKind
-from tests.engine.scene.scenes import cloth, rod, scene_of
+from tests.engine.scene.scenes import cloth, groom, rod, scene_of
 
 ANGLES = st.tuples(*[st.floats(-180, 180)] * 3)
 
@@ -36,9 +39,13 @@ def distance_to_yarn(model, state, yarn, u, x):
 def test_shipped_scenes_build_to_their_estimate(path):
     scene = load_scene(path)
     made, size = build(scene), estimate(scene)
-    assert (made.yarns.node_count, made.yarns.point_count) == (size.nodes, size.points)
-    for values in vars(made.state).values():
-        assert np.isfinite(values).all()
+    if made.yarns is not None:
+        assert (made.yarns.node_count, made.yarns.point_count, 0) == (size.nodes, size.points, size.strand_vertices)
+    else:
+        assert (0, 0, len(made.strands.mass)) == (size.nodes, size.points, size.strand_vertices)
+    for state in filter(None, (made.state, made.strand_state)):
+        for values in vars(state).values():
+            assert np.isfinite(values).all()
 
 
 @settings(max_examples=30, deadline=None)
@@ -254,3 +261,18 @@ def test_collisions_are_there_where_the_scene_asks_for_them():
     assert built(fabrics=[cloth()]).collisions is None
     asked = built(fabrics=[cloth()], contact={"self": True, "thickness": 0.5, "spacing": 1.0}).collisions
     assert (asked.thickness, asked.stiffness, asked.spacing, len(asked.kept)) == (0.5, 1.0, 1.0, 0)
+
+
+@pytest.mark.parametrize("parts, absent", [
+    ({"fabrics": [cloth()]}, ["engine.strands.assembly", "engine.scene.strands"]),
+    ({"strands": [groom()]}, ["engine.yarns.topology", "engine.contact.sphere_packing", "engine.scene.yarns"]),
+], ids=["yarns", "strands"])
+def test_what_a_scene_does_not_have_is_not_imported(parts, absent):
+    code = f"""
+import sys
+from engine.scene.build import build
+from engine.scene.load import load_scene
+build(load_scene({scene_of(**parts)!r}))
+assert not set({absent!r}) & set(sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -11,7 +11,7 @@ from engine.scene.build import estimate
 from engine.scene.load import SceneError, load_scene, shipped_scenes
 from engine.scene.schema import Scene
 from engine.scene.size import part_sizes
-from tests.engine.scene.scenes import cloth, rod, scene_of
+from tests.engine.scene.scenes import cloth, groom, hair, rod, scene_of
 
 
 def problems(source, overrides=()):
@@ -34,6 +34,14 @@ def with_rod(**parts):
     return scene_of(yarns=[rod(**parts)])
 
 
+def with_groom(**parts):
+    return scene_of(strands=[groom(**parts)])
+
+
+def with_curve(*points, **parts):
+    return scene_of(strands=[hair(curves=[points or [[0, 0, 0], [0, 0, 1], [0, 1, 1]]], **parts)])
+
+
 @pytest.mark.parametrize("name, path", shipped_scenes().items())
 def test_shipped_scenes_load_and_survive_a_round_trip(name, path):
     scene = load_scene(path)
@@ -54,6 +62,14 @@ def test_every_woven_scene_ships_in_full_and_in_small():
     assert set(shipped_scenes()) >= {
         *woven, *(f"{name}-small" for name in woven), "friction-patches",
         "tablecloth-friction", "tablecloth-aligned", "tablecloth-angled",
+    }
+
+
+def test_every_scene_of_strands_ships():
+    assert set(shipped_scenes()) >= {
+        "hair-flip-dry", "hair-flip-dry-small", "fur-mat-dry", "fur-mat-dry-small", "strand-split-cohesion",
+        "two-bundles-friction", "two-bundles-friction-small", "strand-over-cylinder", "knot-pull", "brush-press",
+        "curly-hair-swing", "stability-crazy-rotation", "stability-bend-release", "stability-sudden-pull",
     }
 
 
@@ -245,6 +261,67 @@ WRONG = {
     "10^9 nodes by count": (with_cloth(warps=10**9), "fabrics[0].warps", "cannot be 1000000000", "less than"),
     "10^9 nodes by product": (
         with_cloth(warps=31_623, wefts=31_623), "fabrics[0]", "the scene has 1,000,", "2,000,000"),
+    "strands beside yarns": (with_groom() | {"fabrics": [cloth()]}, "strands", "stand beside yarns or fabrics", "one of both"),
+    "strands and contact of yarns": (with_groom() | {"contact": {"self": True}}, "contact.self", "is about yarns only",
+                                     "strand_step.contact"),
+    "two groups of one name": (scene_of(strands=[groom(), groom()]), "strands[1].name", "is the name of strands[0]", "its own"),
+    "two obstacles of one name": (
+        with_groom() | {"obstacles": [{"shape": "plane", "name": "a"}, {"shape": "plane"}, {"shape": "plane", "name": "a"}]},
+        "obstacles[2].name", "is the name of obstacles[0] too", "its own"),
+    "strands of no kind": (scene_of(strands=[hair()]), "strands[0]", "its keys contradict",
+                           "exactly one of curves, file and groom"),
+    "strands of two kinds": (scene_of(strands=[groom() | {"file": "a.obj"}]), "strands[0]", "its keys contradict", "exactly one"),
+    "unknown key of a groom": (with_groom(lenght=1), "strands[0].groom.lenght", "unknown key; did you mean length?", "count"),
+    "ground twice": (with_groom(on="x", rectangle=[1, 1]), "strands[0].groom", "its keys contradict", "on and rectangle"),
+    "place of an obstacle's groom": (with_groom(on="x", position=[0, 0, 1]), "strands[0].groom", "its keys contradict",
+                                     "position and rotation with rectangle only"),
+    "ground that is not there": (with_groom(on="heat") | {"obstacles": [{"shape": "sphere", "radius": 1, "name": "head"}]},
+                                 "strands[0].groom.on", 'there is no obstacle "heat"; did you mean head?', "head"),
+    "ground without end": (with_groom(on="floor") | {"obstacles": [{"shape": "plane", "name": "floor"}]},
+                           "strands[0].groom.on", "floor is a plane", "rectangle"),
+    "surface that faces nowhere": (with_groom(facing=[0, 0, -1]), "strands[0].groom.facing", "is where the surface nowhere faces",
+                                   "another way"),
+    "side that faces nowhere": (
+        with_groom(on="can", facing=[0, 0, 1], within=80)
+        | {"obstacles": [{"shape": "cylinder", "radius": 1, "height": 1, "name": "can"}]},
+        "strands[0].groom.facing", "is where the surface nowhere faces", "another way"),
+    "comb to nowhere": (with_groom(direction=[0, 0, 0]), "strands[0].groom.direction", "has no length", "leads somewhere"),
+    "no strands": (with_groom(count=0), "strands[0].groom.count", "cannot be 0", "greater than"),
+    "10^9 strands": (with_groom(count=10**9), "strands[0].groom.count", "cannot be 1000000000", "100000"),
+    "too many vertices": (
+        scene_of(strands=[groom(count=100_000) | {"name": f"g{i}"} for i in range(2)]), "strands[0]",
+        "the scene has 3,200,000 vertices", "2,000,000"),
+    "tufts without strands": (with_groom(clump={"count": 21}), "strands[0].groom.clump.count", "is 21", "at most the 20"),
+    "curls too fine": (with_groom(curl={"radius": 1e-3, "pitch": 1e-3}), "strands[0].groom.curl", "has 1 vertices in a turn",
+                       "4 at least"),
+    "strands without length": (with_groom(length=1e-9), "strands[0].groom.length", "is too short", "1e-09 m"),
+    "lengths below none": (with_groom(length_spread=1.0), "strands[0].groom.length_spread", "cannot be 1", "0.9"),
+    "curve of one point": (with_curve([0, 0, 0]), "strands[0].curves[0]", "cannot be a list of 1", "at least 2"),
+    "curve of two points": (with_curve([0, 0, 0], [0, 0, 1]), "strands[0].curves[0]", "has 2 points", "3 to 1000"),
+    "curve that stands still": (with_curve([0, 0, 0], [0, 0, 1], [0, 0, 1]), "strands[0].curves[0][2]", "repeats", "elsewhere"),
+    "curve of NaN": (with_curve([0, 0, float("nan")], [0, 0, 1]), "strands[0].curves[0][0][2]", "cannot be NaN", "finite"),
+    "curve too short": (with_curve([0, 0, 0], [0, 0, 1e-8], vertices=100), "strands[0].curves[0]", "is 1e-08 m long", "1e-09 m"),
+    "too many points": (scene_of(strands=[hair(curves=[[[0, 0, z] for z in range(1000)]] * 101)]), "strands",
+                        "their curves have too many points", "100,000"),
+    "two vertices": (with_curve(vertices=2), "strands[0].vertices", "cannot be 2", "3"),
+    "handle of a free root": (
+        with_curve(root={"handle": "h"}) | {"script": {"handles": [{"name": "h", "keyframes": [{"time": 0}]}]}},
+        "strands[0].root.handle", "carries a free end", "pinned"),
+    "unknown handle of a tip": (with_curve(tip={"hold": "pinned", "handle": "h"}), "strands[0].tip.handle",
+                                'there is no handle "h"', "none"),
+    "clamps that meet": (with_curve(root={"hold": "clamped"}, tip={"hold": "clamped"}), "strands[0].tip.hold",
+                         "is clamped where the root is", "more vertices"),
+    "strand of yarn": (with_curve(material="denim"), "strands[0].material", "denim has a bending_modulus", "without"),
+    "strand that is stiff in shear": (
+        with_curve(material="m") | {"materials": {"m": {"radius": 1e-3, "linear_density": 1, "stretch_stiffness": 1,
+                                                        "shear_stiffness": 1}}},
+        "strands[0].material", "m has a shear_stiffness", "without"),
+    "squeezed beyond": (
+        with_curve(material="m") | {"materials": {"m": {"radius": 1e-3, "linear_density": 1, "stretch_stiffness": 1,
+                                                        "poisson_ratio": 0.6}}},
+        "materials.m.poisson_ratio", "cannot be 0.6", "0.5"),
+    "file in a scene from nowhere": (scene_of(strands=[hair(file="a.obj")]), "strands[0].file", "is not read",
+                                     "curves in the scene"),
     "10^9 segments": (with_rod(segments=10**9), "yarns[0].segments", "cannot be 1000000000", "less than"),
 }
 
@@ -279,9 +356,12 @@ def test_long_keys_are_cut_short_in_messages():
     assert len(str(only_problem(with_cloth() | {"k" * 100_000: 1}))) < 400
 
 
-def test_ten_to_the_nine_nodes_allocate_nothing():
+@pytest.mark.parametrize("source", [
+    with_cloth(warps=31_623, wefts=31_623), scene_of(strands=[groom(count=100_000) | {"vertices": 1000}]),
+], ids=["nodes", "vertices"])
+def test_too_much_allocates_nothing(source):
     tracemalloc.start()
-    problems(with_cloth(warps=31_623, wefts=31_623))
+    problems(source)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 50e6
@@ -328,4 +408,5 @@ def test_anything_loads_or_is_refused_cleanly(parts):
     except SceneError as error:
         assert error.problems and str(error).encode()
     else:
-        assert estimate(scene).points > 0
+        size = estimate(scene)
+        assert size.points > 0 or size.strand_vertices > 0

@@ -4,7 +4,8 @@ import json
 from dataclasses import fields
 
 from engine.scene.load import scene_schema
-from engine.scene.schema import Step
+from engine.scene.steps import Step, StrandStep
+from engine.strands.settings import StrandSettings
 from engine.yarns.settings import YarnSettings
 
 
@@ -38,3 +39,8 @@ def test_every_setting_of_the_yarn_method_is_a_key_of_step():
     settings = {field.name: field.default for field in fields(YarnSettings)}
     keys = {name: field.default for name, field in Step.model_fields.items() if name not in ("default", "min", "max")}
     assert keys == settings
+
+
+def test_every_setting_of_the_strand_method_is_a_key_of_strand_step():
+    settings = {field.name: field.default for field in fields(StrandSettings)}
+    assert {name: field.default for name, field in StrandStep.model_fields.items()} == settings
