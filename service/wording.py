@@ -6,7 +6,7 @@ from typing import Any
 LABELS = {
     "lagrangian": "Lagrangian", "eol_intra": "EoL within a fabric", "eol_inter": "EoL between fabrics",
     "eol_inter_max": "EoL between fabrics, most", "eil": "EIL", "eil_max": "EIL, most", "contacts": "contacts",
-    "contacts_max": "contacts between fabrics, most",
+    "contacts_max": "contacts between fabrics or strands, most", "strand_vertices": "vertices of strands",
     "collisions": "pairs that collide", "collisions_max": "pairs that collide, most",
     "simulated_s": "simulated", "steps": "steps", "rejected_steps": "rejected steps", "dt_default": "default step",
     "dt_min": "smallest step", "compile_s": "compiling", "wall_s": "wall time", "s_per_step": "one step",

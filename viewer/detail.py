@@ -67,8 +67,8 @@ def region(yarns: YarnFrame, centre: Floats, detail: Detail) -> YarnFrame:
 
     The ball that holds it is as large as the budget allows.
     """
-    line_distance, node_distance = (_distances(p, centre) for p in (yarns.line_positions, yarns.node_positions))
-    reach = min(_reach(line_distance, detail.segments), _reach(node_distance, detail.nodes))
+    line_distance, node_distance = (distances_to(p, centre) for p in (yarns.line_positions, yarns.node_positions))
+    reach = min(reach_of(line_distance, detail.segments), reach_of(node_distance, detail.nodes))
     yarn, inside = line_yarns(yarns), line_distance < reach
     begins = inside & ~np.concatenate([[False], inside[:-1] & (yarn[:-1] == yarn[1:])])
     piece = np.cumsum(begins) - 1
@@ -167,10 +167,11 @@ def _with_nodes(yarns: YarnFrame, chosen: Ints) -> YarnFrame:
     )
 
 
-def _distances(positions: Floats, centre: Floats) -> Floats:
+def distances_to(positions: NDArray[np.floating], centre: Floats) -> Floats:
+    """Return how far `positions` [n, 3] are from `centre` [3] [m], shape [n]."""
     return np.linalg.norm(positions - centre, axis=1)
 
 
-def _reach(distances: Floats, count: int) -> float:
+def reach_of(distances: Floats, count: int) -> float:
     """Return the distance below which there are no more than `count`, infinity where there are no more in all."""
     return np.inf if len(distances) <= count else float(np.partition(distances, count)[count])

@@ -19,9 +19,9 @@ from engine.scene.build import Built
 from engine.scene.schema import Scene
 from engine.scene.stack import levels
 from engine.yarns.model import YarnModel
+from viewer.curves import smooth
 from viewer.detail import line_yarns
 
-CURVE_PIECES = 5  # pieces into which a segment is cut, so that yarns look bent and not broken
 PARALLEL = 1e-3  # sine of the angle below which two yarns define no side
 
 
@@ -78,40 +78,15 @@ def lay_out(yarns: YarnFrame, most: int, model: YarnModel, lifts: Floats) -> Yar
         offsets[line[:, slot]] = (lifts[yarn] + sign * yarns.radius[yarn])[:, None] * up
         known[line[:, slot]] = True
     offsets = _between(line_yarn, positions, offsets, known)
-    return _curved(replace(yarns, line_positions=positions + offsets), line_yarn, most)
+    return _curved(replace(yarns, line_positions=positions + offsets), most)
 
 
-def _curved(yarns: YarnFrame, line_yarn: Ints, most: int) -> YarnFrame:
-    """Return the yarns as smooth curves through their line nodes: cubic pieces, cut into straight ones."""
-    position, strain = yarns.line_positions, yarns.line_strain
-    node = np.arange(len(line_yarn))
-    inner = np.append(line_yarn[:-1] == line_yarn[1:], False)[: len(node)]  # a segment starts at this node
-    after = np.where(inner, node + 1, node)
-    chord = position[after] - position
-    length = np.linalg.norm(chord, axis=1, keepdims=True)
-    slope = chord / np.maximum(length, np.finfo(float).tiny)
-    # the slope of the parabola through a node and its neighbours; at ends one of the two lengths is zero
-    before = np.where(np.roll(inner, 1), node - 1, node)
-    total = np.maximum(length + length[before] * (before != node)[:, None], np.finfo(float).tiny)
-    share_after = np.where((before != node)[:, None], length[before] / total, 1.0)
-    share_after = np.where(inner[:, None], share_after, 0.0)
-    tangent = share_after * slope + (1 - share_after) * slope[before]
-
-    pieces = np.where(inner, min(max(most // max(len(node), 1), 1), CURVE_PIECES), 1)
-    first = np.cumsum(pieces) - pieces
-    start = np.repeat(node, pieces)
-    end = after[start]
-    t = ((np.arange(len(start)) - first[start]) / pieces[start])[:, None]
-    positions = (
-        (1 + 2 * t) * (1 - t) ** 2 * position[start] + t**2 * (3 - 2 * t) * position[end]
-        + length[start] * (t * (1 - t) ** 2 * tangent[start] - t**2 * (1 - t) * tangent[end])
-    )  # fmt: skip
+def _curved(yarns: YarnFrame, most: int) -> YarnFrame:
+    """Return the yarns as smooth curves through their line nodes."""
+    curves = smooth(yarns.line_positions, yarns.line_offsets, most)
     return replace(
-        yarns,
-        line_positions=positions,
-        line_points=yarns.line_points[start],
-        line_strain=(1 - t[:, 0]) * strain[start] + t[:, 0] * strain[end],
-        line_offsets=np.append(first, len(start))[yarns.line_offsets],
+        yarns, line_positions=curves.positions, line_points=yarns.line_points[curves.before],
+        line_strain=curves.between(yarns.line_strain), line_offsets=curves.offsets,
     )
 
 

@@ -12,13 +12,16 @@ from numpy.typing import NDArray
 
 from engine.contact.obstacles import ObstacleKind
 from engine.geometry.solids import Solids
-from engine.run.frames import Frame, YarnFrame
+from engine.run.frames import Frame, StrandFrame, YarnFrame
 from engine.yarns.model import NodeState
+from viewer import curves
 from viewer.detail import line_yarns
+from viewer.scales import SCALES, colours_of, limit_of
+from viewer.strand_detail import scattered, vertex_strands
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
-Paint = Literal["fabric", "strain"]
+Paint = Literal["fabric", "group", "strain", "curvature", "force"]
 
 # Fabrics from the bottom of a stack up, green lowest as in Sánchez-Banderas 2020, Figs. 1 and 7. The hues are Okabe and
 # Ito's, told apart by all common kinds of colour vision, lightened where shading would turn them muddy.
@@ -27,6 +30,13 @@ FABRIC_COLOURS = np.array(
 )
 DARKER = 0.78
 SINGLE_YARN_COLOUR = np.array((196, 178, 150), np.uint8)
+
+# Groups of strands, the first one brown, the others in the hues of fabrics; each strand in a shade of its own, since light
+# does not shade what is thinner than a pixel.
+GROUP_COLOURS = np.array(
+    [(146, 92, 58), (66, 140, 214), (240, 166, 20), (0, 150, 106), (204, 121, 167), (213, 106, 40), (230, 220, 110)], np.uint8
+)
+DARKEST = 0.6
 
 # Node colours of the paper's Fig. 1; Lagrangian nodes, which it does not draw, are blue.
 NODE_COLOURS = {
@@ -50,17 +60,14 @@ LINE_SCALE = 0.2
 VIEW_DIRECTION = np.array((0.62, -0.64, 0.46))  # from the scene's middle to the eye
 FIELD_OF_VIEW = np.radians(35)  # a lens long enough that yarns near the border are not distorted
 FILL = 1.0  # distance of the eye against that at which the ball around the scene touches the picture's border
-OBSTACLE_REACH = 1.0  # an obstacle is framed if its half diagonal is below this many diagonals of the yarns' box
+OBSTACLE_REACH = 1.0  # an obstacle is framed if its half diagonal is below this many diagonals of the box of what moves
 
-# Strain runs from compressed to stretched through a pale middle (ColorBrewer's RdBu, safe for colour-blind eyes).
-STRAIN_LIMIT = 0.002
-_STRAIN_STOPS = np.linspace(-STRAIN_LIMIT, STRAIN_LIMIT, 5)
-_STRAIN_COLOURS = np.array([(33, 102, 172), (146, 197, 222), (247, 247, 247), (244, 165, 130), (178, 24, 43)], float)
+STRAIN_LIMIT = 0.002  # of yarns; the colours of strands end where 1 % of a frame is beyond
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Straight pieces of round yarn."""
+    """Straight pieces of round yarns or strands."""
 
     points: Floats  # ends [m], shape [S, 2, 3]
     colours: Bytes  # at the ends, shape [S, 2, 3]
@@ -88,8 +95,7 @@ def told_apart(colours: Bytes) -> Bytes:
 
 def strain_colours(strain: NDArray[np.float64]) -> Bytes:
     """Return colours of stretch strains, blue compressed to red stretched, saturated at STRAIN_LIMIT, shape [K, 3]."""
-    channels = [np.interp(strain, _STRAIN_STOPS, _STRAIN_COLOURS[:, c]) for c in range(3)]
-    return np.stack(channels, axis=-1).round().astype(np.uint8)
+    return colours_of(strain, SCALES["strain"], STRAIN_LIMIT)
 
 
 def yarn_segments(yarns: YarnFrame, paint: Paint = "fabric", thickness: float = 1.0) -> Segments:
@@ -100,11 +106,50 @@ def yarn_segments(yarns: YarnFrame, paint: Paint = "fabric", thickness: float = 
     yarn = line_yarns(yarns)
     first = np.flatnonzero(yarn[:-1] == yarn[1:])
     ends = np.stack([first, first + 1], axis=1)
-    by_node = fabric_colours(yarns.fabric)[yarn] if paint == "fabric" else strain_colours(yarns.line_strain)
+    by_node = strain_colours(yarns.line_strain) if paint == "strain" else fabric_colours(yarns.fabric)[yarn]
     return Segments(
         yarns.line_positions[ends].astype(np.float32),
         by_node[ends],
         (thickness * yarns.radius[yarn[first]]).astype(np.float32),
+    )
+
+
+def paints_of(frame: Frame) -> tuple[Paint, ...]:
+    """Return what colours can say about a frame, first what they say where nobody asks."""
+    return ("fabric", "strain") if frame.strands is None else ("group", "strain", "curvature", "force")
+
+
+def group_colours(group: NDArray[np.int64]) -> Bytes:
+    """Return one colour per strand from the group it belongs to, in a shade that tells it from its neighbours, shape [S, 3]."""
+    shade = 1.0 - (1.0 - DARKEST) * scattered(len(group)) / max(len(group), 1)
+    return (GROUP_COLOURS[group % len(GROUP_COLOURS)] * shade[:, None]).round().astype(np.uint8)
+
+
+def paint_values(strands: StrandFrame, paint: Paint) -> Floats:
+    """Return what a colour scale shows of the vertices of strands, shape [V]."""
+    return {"strain": strands.strain, "curvature": strands.curvature, "force": strands.contact_force}[paint]
+
+
+def paint_limit(strands: StrandFrame, paint: Paint) -> float:
+    """Return where the colours of a frame's strands end, in the unit of what they show; 1 where they show groups."""
+    return limit_of(paint_values(strands, paint), SCALES[paint]) if paint in SCALES else 1.0
+
+
+def strand_segments(strands: StrandFrame, paint: Paint = "group", limit: float = 1.0, most: int = 0) -> Segments:
+    """Return all strands at their radius, as curves of up to `most` pieces where they have fewer.
+
+    `paint` chooses the colour of the group, or that of a number at each vertex on its scale, which ends at `limit`.
+    """
+    fine = curves.smooth(strands.positions.astype(np.float64), strands.offsets, most)
+    if paint in SCALES:
+        colours = colours_of(fine.between(paint_values(strands, paint)), SCALES[paint], limit)
+    else:
+        colours = group_colours(strands.group)[vertex_strands(strands)[fine.before]]
+    begins = np.ones(len(fine.positions), np.bool_)
+    begins[fine.offsets[1:] - 1] = False
+    ends = np.flatnonzero(begins)[:, None] + np.array([0, 1])
+    return Segments(
+        fine.positions[ends].astype(np.float32), colours[ends], strands.radius[fine.before[ends[:, 0]]].astype(np.float32)
     )
 
 
@@ -121,13 +166,14 @@ def node_points(yarns: YarnFrame) -> Points:
 def scene_bounds(frame: Frame, obstacles: Solids) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lowest and highest corner of the box that a view should show [m]; `obstacles` as they stand then.
 
-    It holds the yarns and, of obstacles that are no larger than a few times these, what is solid of them: a plane has
-    no size, and a wall around the scene would leave the yarns a speck.
+    It holds yarns and strands and, of obstacles that are no larger than a few times these, what is solid of them: a plane
+    has no size, and a wall around the scene would leave the yarns a speck.
     """
     boxes = []
     if frame.yarns is not None and len(frame.yarns.line_positions):
-        margin = frame.yarns.radius.max()
-        boxes.append((frame.yarns.line_positions.min(axis=0) - margin, frame.yarns.line_positions.max(axis=0) + margin))
+        boxes.append(_box(frame.yarns.line_positions, frame.yarns.radius))
+    if frame.strands is not None and len(frame.strands.positions):
+        boxes.append(_box(frame.strands.positions, frame.strands.radius))
     reach = OBSTACLE_REACH * np.linalg.norm(boxes[0][1] - boxes[0][0]) if boxes else np.inf
     for kind, centre, rotation, size in zip(
         obstacles.kind, obstacles.centre, obstacles.rotation, obstacles.size, strict=True
@@ -148,3 +194,8 @@ def viewpoint(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDAr
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
     distance = FILL * size / 2 / np.tan(FIELD_OF_VIEW / 2)
     return middle + distance * VIEW_DIRECTION / np.linalg.norm(VIEW_DIRECTION), middle
+
+
+def _box(positions: NDArray[np.floating], radius: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lowest and highest corner of the box around round lines [m]."""
+    return positions.min(axis=0) - radius.max(), positions.max(axis=0) + radius.max()

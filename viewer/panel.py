@@ -9,15 +9,22 @@ import viser
 from numpy.typing import NDArray
 from viser import uplot
 
+from engine.run.frames import Frame
 from viewer import layers
 from viewer.detail import Level
 from viewer.layers import Paint
+from viewer.scales import SCALES, WITHIN, Scale, colours_of, written_ends
 from viewer.stage import Shown
 from viewer.timeline import Timeline
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "4": 4.0}
-PAINTS: dict[str, Paint] = {"fabric": "fabric", "stretch strain": "strain"}
+PAINTS: dict[str, Paint] = {
+    "fabric": "fabric", "group": "group", "stretch strain": "strain", "curvature": "curvature", "contact force": "force",
+}
+YARN_PAINTS = ("fabric", "stretch strain")  # offered before there is a frame
 LEVELS: dict[str, Level] = {level: level for level in get_args(Level)}
+YARNS_HINT = "at their real radius, over and under each other"
+STRANDS_HINT = "where they are; at their real radius where that can be seen, or a region or everything is shown"
 NO_JOB = "none"
 BRAND = (64, 92, 122)
 
@@ -39,7 +46,9 @@ PLOTS = {
         Curve("eol_inter", "EoL between", "#cc79a7"),
         Curve("eil", "EIL", "#de1920"),
     ),
+    "Contacts of strands": (Curve("contacts", "at the end of a step", "#d7302a"),),
 }
+OF_YARNS, OF_STRANDS = {"Contacts"}, {"Contacts of strands"}  # plots that make sense for one of them only
 
 
 class Panel:
@@ -57,24 +66,37 @@ class Panel:
         self.follow = gui.add_checkbox("Follow", False, hint="show each new frame as it is written")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Show"):
-            self.yarns = gui.add_checkbox("Yarns", True, hint="at their real radius, over and under each other")
+            self.lines = gui.add_checkbox("Yarns", True, hint=YARNS_HINT)
             self.nodes = gui.add_checkbox("Nodes", False, hint="on thin yarns, both where they are computed")
             self.obstacles = gui.add_checkbox("Obstacles", True)
-            self.paint = gui.add_dropdown("Colour by", tuple(PAINTS), initial_value="fabric")
+            self.paint = gui.add_dropdown("Colour by", YARN_PAINTS, initial_value="fabric")
             self.level = gui.add_dropdown("Detail", tuple(LEVELS), initial_value="auto", hint=(
-                "auto: large cloth as a coarser one of the same weave; fine: less so, for a graphics card; "
-                "region: what is near the middle of the picture as it is, to zoom in on; full: everything, slow"
+                "auto: large cloth as a coarser one of the same weave, of many strands some; fine: less so, for a graphics "
+                "card; region: what is near the middle of the picture as it is, to zoom in on; full: everything, slow"
             ))
             self.drawn = gui.add_html("")
-            self.legend = gui.add_html(legend_html("fabric"))
+            self.legend = gui.add_html(yarn_legend("fabric"))
             self.refit = gui.add_button("Fit view", icon=viser.Icon.FOCUS_2, color="gray")
         with tabs.add_tab("Solver"):
-            self._plots = [(curves, _plot(gui, title, curves)) for title, curves in PLOTS.items()]
+            self._plots = {title: _plot(gui, title, curves) for title, curves in PLOTS.items()}
+        self._plots["Contacts of strands"].visible = False
 
     def shown(self, focus: tuple[float, float, float]) -> Shown:
         """Return what the visitor wants to see; `focus` is the middle of a region [m]."""
         paint, level = PAINTS[self.paint.value], LEVELS[self.level.value]
-        return Shown(self.yarns.value, self.nodes.value, self.obstacles.value, paint, level, focus)
+        nodes = self.nodes.value and self.nodes.visible
+        return Shown(self.lines.value, nodes, self.obstacles.value, paint, level, focus)
+
+    def offer(self, frame: Frame) -> None:
+        """Offer what there is to see of such frames; the colours chosen stay chosen where they say something of them."""
+        strands = frame.strands is not None
+        self.lines.label, self.lines.hint = ("Strands", STRANDS_HINT) if strands else ("Yarns", YARNS_HINT)
+        self.nodes.visible = not strands
+        options = tuple(label for label, paint in PAINTS.items() if paint in layers.paints_of(frame))
+        if self.paint.options != options:
+            self.paint.options = options
+        for title, plot in self._plots.items():
+            plot.visible = title not in (OF_YARNS if strands else OF_STRANDS)
 
     def set_jobs(self, ids: list[str]) -> None:
         """Offer these jobs, in this order; the chosen one stays chosen."""
@@ -97,8 +119,8 @@ class Panel:
     def set_plots(self, times: list[float], series: list[dict[str, float]]) -> None:
         """Plot the series of all frames over their times [s]."""
         x = np.array(times, np.float64)
-        for curves, plot in self._plots:
-            plot.data = (x, *(_values(curve, series) for curve in curves))
+        for title, plot in self._plots.items():
+            plot.data = (x, *(_values(curve, series) for curve in PLOTS[title]))
 
 
 def drawn_html(statement: str) -> str:
@@ -106,7 +128,12 @@ def drawn_html(statement: str) -> str:
     return f'<div style="font-size:.78em;color:#5f6670;padding:.1em .8em">{escape(statement)}</div>'
 
 
-def legend_html(paint: Paint) -> str:
+def legend_html(frame: Frame, paint: Paint) -> str:
+    """Return the key to the colours of a frame."""
+    return yarn_legend(paint) if frame.strands is None else strand_legend(paint, layers.paint_limit(frame.strands, paint))
+
+
+def yarn_legend(paint: Paint) -> str:
     """Return the key to the colours of nodes, and of strain where yarns are painted by it."""
     rows = [
         f'<div><span style="display:inline-block;width:.8em;height:.8em;border-radius:50%;margin:0 .5em;'
@@ -114,14 +141,32 @@ def legend_html(paint: Paint) -> str:
         for state, label in layers.NODE_LABELS.items()
     ]
     if paint == "strain":
-        limit = layers.STRAIN_LIMIT
-        stops = ",".join(_css(tuple(c)) for c in layers.strain_colours(np.linspace(-limit, limit, 9)).tolist())
-        rows.append(
-            f'<div style="margin:.5em .5em 0"><div style="height:.7em;background:linear-gradient(90deg,{stops})"></div>'
-            f'<div style="display:flex;justify-content:space-between"><span>−{limit:.1%}</span><span>0</span>'
-            f"<span>+{limit:.1%}</span></div></div>"
-        )
+        rows.append(_bar(SCALES["strain"], layers.STRAIN_LIMIT))
+    return _key(rows)
+
+
+def strand_legend(paint: Paint, limit: float) -> str:
+    """Return the key to the colours of strands, whose scale ends at `limit`."""
+    if paint == "group":
+        return _key(["<div>a colour for each group, each strand in a shade of its own</div>"])
+    scale = SCALES[paint]
+    return _key([_bar(scale, limit), f"<div>{escape(scale.label)}, with {WITHIN}% of the frame in this range</div>"])
+
+
+def _key(rows: list[str]) -> str:
     return f'<div style="font-size:.8em;line-height:1.6;padding:.2em .4em">{"".join(rows)}</div>'
+
+
+def _bar(scale: Scale, limit: float) -> str:
+    """Return a strip of the scale's colours with the numbers at its ends."""
+    low = -limit if scale.signed else 0.0
+    stops = ",".join(_css(tuple(c)) for c in colours_of(np.linspace(low, limit, 9), scale, limit).tolist())
+    first, last = written_ends(scale, limit)
+    ends = (first, "0", last) if scale.signed else (first, last)
+    return (
+        f'<div style="margin:.5em .5em 0"><div style="height:.7em;background:linear-gradient(90deg,{stops})"></div>'
+        f'<div style="display:flex;justify-content:space-between">{"".join(f"<span>{end}</span>" for end in ends)}</div></div>'
+    )
 
 
 def status_html(title: str, detail: str) -> str:

@@ -26,6 +26,7 @@ from viewer import layers
 from viewer.gate import Gate, guarding
 from viewer.jobs import Job
 from viewer.lay import layout_of
+from viewer.scales import SCALES, in_words
 from viewer.server import PrivateServer
 from viewer.stage import Shown, Stage
 
@@ -36,6 +37,7 @@ FLAGS = (
     "--hide-scrollbars"
 ).split()
 PREVIEW = 16  # renderings that only tell whether the page has come to rest are smaller by this factor
+PREVIEW_OF_STRANDS = 4  # by which strands do not vanish between the pixels
 PAUSE = 0.25  # between two of them [s]
 FINER = 2  # the rendering is larger than the picture by this factor
 MARGIN = 1.04  # distance of the eye against that at which the scene touches the picture's border
@@ -60,14 +62,16 @@ class View:
 def draw(job: Path, index: int, shown: Shown, view: View, size: tuple[int, int], path: Path) -> str:
     """Save a picture of frame `index` of a job directory, from the end where negative; `size` is width by height.
 
-    Returns what part of the frame is shown. Raises CannotDraw where there is no such frame or no Chromium, SceneError
-    where the scene cannot be read.
+    Returns what part of the frame is shown. Raises CannotDraw where there is no such frame or no Chromium, or the colours
+    cannot say what they should, SceneError where the scene cannot be read.
     """
     paths = frame_paths(job)
     if not -len(paths) <= index < len(paths):
         raise CannotDraw(f"{job} has {len(paths)} frames, none with number {index}")
     scene, built = Job(job).scene()
     frame = read_frame(paths[index])
+    if shown.paint not in (None, *(paints := layers.paints_of(frame))):
+        raise CannotDraw(f"colours of this scene say {', '.join(paints[:-1])} or {paints[-1]}, not {shown.paint}")
     low, high = layers.scene_bounds(frame, posed(built.obstacles, built.handles, frame.time))
     width, height = (FINER * side for side in size)
     eye, target = _eye(low, high, view, width / height)
@@ -82,23 +86,25 @@ def draw(job: Path, index: int, shown: Shown, view: View, size: tuple[int, int],
     with _page() as client:
         stage = Stage(client)
         stage.frame_camera(low, high)
-        said = stage.draw(frame.yarns, layout_of(scene, built), shown)
-        _settle(render)
+        said = [stage.draw(frame, layout_of(scene, built), shown)]
+        _settle(lambda: render(PREVIEW if frame.strands is None else PREVIEW_OF_STRANDS))
         stage.set_obstacles(built.obstacles, low, high)  # only now: they are there at once, and yarns would be missed
         stage.move_obstacles(built.obstacles, built.handles, frame.time)
         drawn = Image.fromarray(render(1))
     picture = Image.new("RGBA", drawn.size, (*BACKGROUND, 255))
     picture.alpha_composite(drawn)
     picture.convert("RGB").resize(size, Image.Resampling.LANCZOS).save(path)
-    return said
+    if frame.strands is not None and shown.paint in SCALES:  # a picture has no key
+        said.append(in_words(SCALES[shown.paint], layers.paint_limit(frame.strands, shown.paint)))
+    return "; ".join(said)
 
 
-def _settle(render: Callable[[int], Floats]) -> None:
+def _settle(render: Callable[[], Floats]) -> None:
     """Return when the page shows something and has come to rest: it builds large meshes after it has taken them in."""
-    last, deadline = render(PREVIEW), time.monotonic() + PATIENCE
+    last, deadline = render(), time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         time.sleep(PAUSE)
-        now = render(PREVIEW)
+        now = render()
         if now[..., 3].any() and np.array_equal(now, last):
             return
         last = now

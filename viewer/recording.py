@@ -18,25 +18,32 @@ import numpy as np
 import pyarrow
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 from rerun.components import LineStrip3DBatch
 
 from engine.arrays import Floats, Ints
 from engine.contact.obstacles import posed
-from engine.run.frames import Frame, YarnFrame
+from engine.run.frames import Frame, StrandFrame, YarnFrame
 from engine.scene.build import build
 from engine.scene.schema import Scene
-from viewer import detail, layers, shapes
+from viewer import detail, layers, shapes, strand_detail
 from viewer.lay import layout_of
+from viewer.layers import Paint
+from viewer.scales import SCALES, in_words
 from viewer.spill import Spill
 
 TIMELINE = "simulated"  # time of the scene [s]
 CLOTH, NODES, OBSTACLES, SERIES = "cloth/yarns", "nodes", "obstacles", "series"
+STRANDS, PAINTED, KEY = "strands", "painted", "key"
+PAINTS: tuple[Paint, ...] = ("strain", "curvature", "force")
+PAINTED_SEGMENTS = 10_000  # each has a colour and so is a line of its own, for every paint: 1 MB a frame at most
 PLOTS = {
     "Newton residual": ("residual",),
     "Iterations": ("newton_iterations", "linear_iterations"),
     "Contacts": ("eol_intra", "eol_inter", "eil"),
     "Energy [J]": ("kinetic_energy", "potential_energy"),
 }
+STRAND_PLOTS = PLOTS | {"Contacts": ("contacts",)}
 NEARER = 0.65  # Rerun's eye sees a wider field than the live page's
 BACKGROUND = (238, 236, 232)
 log = logging.getLogger(__name__)
@@ -90,6 +97,8 @@ class Recorder:
                 stream.log(path, rr.LineStrips3D.from_fields(strips=shape, radii=thickness * lines.radius))
             points = layers.node_points(yarns)
             stream.log(f"{NODES}/points", rr.Points3D(points.points, colors=points.colours, radii=points.radii[:1]))
+        if frame.strands is not None:
+            log_strands(stream, frame.strands)
         for key, value in frame.series.items():
             stream.log(f"{SERIES}/{key}", rr.Scalars(value))
         stream.flush()
@@ -106,7 +115,7 @@ class Recorder:
         identity = uuid.uuid5(uuid.NAMESPACE_URL, f"{self._path.absolute()} {self._scene.model_dump_json()}")
         stream = rr.RecordingStream("strandline", recording_id=str(identity))
         file = Spill(target)
-        stream.save(file.entrance, default_blueprint=blueprint(low, high))
+        stream.save(file.entrance, default_blueprint=blueprint(low, high, first.strands is not None))
         file.seal()
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for index in range(len(self._obstacles.kind)):
@@ -114,6 +123,9 @@ class Recorder:
             stream.log(f"{OBSTACLES}/{index}", obstacle(mesh), static=True)
         if first.yarns is not None:
             log_looks(stream, first.yarns)
+        if first.strands is not None:
+            drawn = strand_detail.part(first.strands, "fine", np.zeros(3)).strands
+            stream.log(STRANDS, rr.LineStrips3D.from_fields(colors=layers.group_colours(drawn.group)), static=True)
         return stream, file
 
     def _finish(self) -> None:
@@ -150,7 +162,7 @@ def join(parts: list[Path], path: Path) -> None:
             part.unlink()
 
 
-def strips(positions: Floats, offsets: Ints) -> pyarrow.ListArray:
+def strips(positions: NDArray[np.floating], offsets: Ints) -> pyarrow.ListArray:
     """Return polylines in Rerun's own layout, ten times faster than from a list of arrays."""
     points = pyarrow.FixedSizeListArray.from_arrays(
         positions.astype(np.float32).ravel(), type=LineStrip3DBatch._ARROW_DATATYPE.value_type
@@ -165,29 +177,50 @@ def log_looks(stream: rr.RecordingStream, yarns: YarnFrame) -> None:
         stream.log(path, rr.LineStrips3D.from_fields(colors=colours), static=True)
 
 
+def log_strands(stream: rr.RecordingStream, strands: StrandFrame) -> None:
+    """Log strands as lines, those of fewer coloured by what each paint shows, and the key to these colours."""
+    drawn = strand_detail.part(strands, "fine", np.zeros(3)).strands
+    radii = np.maximum.reduceat(drawn.radius, drawn.offsets[:-1])
+    stream.log(STRANDS, rr.LineStrips3D.from_fields(strips=strips(drawn.positions, drawn.offsets), radii=radii))
+    fewer, key = strand_detail.seen(strand_detail.coarse(strands, PAINTED_SEGMENTS), strands), []
+    for paint in PAINTS:
+        limit = layers.paint_limit(strands, paint)
+        segments = layers.strand_segments(fewer, paint, limit)
+        lines = strips(segments.points.reshape(-1, 3), np.arange(0, 2 * len(segments.points) + 1, 2))
+        colours = segments.colours.mean(axis=1).astype(np.uint8)
+        stream.log(f"{PAINTED}/{paint}", rr.LineStrips3D.from_fields(strips=lines, radii=segments.radii, colors=colours))
+        key.append(f"- {in_words(SCALES[paint], limit)}")
+    stream.log(KEY, rr.TextDocument("\n".join(key), media_type="text/markdown"))
+
+
 def obstacle(mesh: shapes.Mesh) -> rr.Mesh3D:
     """Return a mesh for Rerun."""
     return rr.Mesh3D(vertex_positions=mesh.vertices, triangle_indices=mesh.faces, albedo_factor=mesh.colour)
 
 
-def blueprint(low: Floats, high: Floats) -> rrb.Blueprint:
-    """Return the layout of the page: the cloth, its discretisation in a second tab, plots beside them."""
+def blueprint(low: Floats, high: Floats, strands: bool) -> rrb.Blueprint:
+    """Return the layout of the page, plots on its right.
+
+    Beside them are the cloth, and its discretisation in a second tab, or `strands`, and in further tabs what colours show.
+    """
     position, target = layers.viewpoint(low, high)
     position = target + NEARER * (position - target)
     eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=(0, 0, 1))
+    of_strands = [("Strands", STRANDS), *((SCALES[paint].label.capitalize(), f"{PAINTED}/{paint}") for paint in PAINTS)]
     views = (
         rrb.Spatial3DView(
             origin="/", name=name, contents=[f"+ /{OBSTACLES}/**", f"+ /{what}/**"],
             background=BACKGROUND, line_grid=False, eye_controls=eye,
         )
-        for name, what in (("Cloth", CLOTH.split("/")[0]), ("Nodes", NODES))
+        for name, what in (of_strands if strands else [("Cloth", CLOTH.split("/")[0]), ("Nodes", NODES)])
     )  # fmt: skip
     plots = (
         rrb.TimeSeriesView(origin=f"/{SERIES}", name=name, contents=[f"+ /{SERIES}/{key}" for key in keys])
-        for name, keys in PLOTS.items()
+        for name, keys in (STRAND_PLOTS if strands else PLOTS).items()
     )
+    key = [rrb.TextDocumentView(origin=f"/{KEY}", name="Colours of this frame")] if strands else []
     return rrb.Blueprint(
-        rrb.Horizontal(rrb.Tabs(*views), rrb.Vertical(*plots), column_shares=[3, 1]),
+        rrb.Horizontal(rrb.Tabs(*views), rrb.Vertical(*plots, *key), column_shares=[3, 1]),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),

@@ -9,9 +9,9 @@ import numpy as np
 import viser
 
 from engine.contact.obstacles import posed
+from engine.geometry.handles import no_handles
 from engine.run.frames import Frame
 from engine.scene.load import SceneError
-from engine.yarns.handles import no_handles
 from viewer.jobs import NO_OBSTACLES, Job, job_ids, read_frame_once
 from viewer.lay import Layout, layout_of, unchanged
 from viewer.layers import scene_bounds
@@ -95,10 +95,6 @@ class Session:
                 chosen = panel.job.value
                 note(lambda: self._choose(chosen))
 
-        @panel.paint.on_update
-        def _(_event: viser.GuiEvent) -> None:
-            panel.legend.content = legend_html(PAINTS[panel.paint.value])
-
         @panel.refit.on_click
         def _(_event: viser.GuiEvent) -> None:
             note(self._refit)
@@ -133,7 +129,7 @@ class Session:
         try:
             scene, built = job.scene()
         except SceneError as problem:
-            # yarns are in the frames; without the scene their order over each other and the obstacles are missing
+            # what moves is in the frames; without the scene, yarns' order over each other and the obstacles are missing
             self._title, self._layout = "scene not readable", unchanged
             self._obstacles, self._handles = NO_OBSTACLES, no_handles()
             log.warning("job %s: %s", job_id, problem)
@@ -163,11 +159,13 @@ class Session:
             bounds = self._bounds([read_frame_once(job.frames[0]), frame])
             self._stage.set_obstacles(self._obstacles, *bounds)
             self._stage.frame_camera(*bounds)
+            panel.offer(frame)
             self._framed = True
         shown = panel.shown(self._look_at())
         if self._drawn is None or self._drawn[0] is not frame or self._drawn[1] != shown:
             self._stage.move_obstacles(self._obstacles, self._handles, frame.time)
-            panel.drawn.content = drawn_html(self._stage.draw(frame.yarns, self._layout, shown))
+            panel.drawn.content = drawn_html(self._stage.draw(frame, self._layout, shown))
+            panel.legend.content = legend_html(frame, PAINTS[panel.paint.value])
             self._drawn = (frame, shown)
 
     def _look_at(self) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from engine.contact.obstacles import ObstacleKind, Obstacles, posed
-from engine.yarns.handles import Handles
+from engine.geometry.handles import Handles
 from viewer.layers import Floats, Points, Segments
 
 Faces = NDArray[np.uint32]

@@ -1,4 +1,4 @@
-"""The 3D picture on one page: lights, obstacles, yarns and nodes as viser nodes whose properties follow the frames."""
+"""The 3D picture on one page: lights, obstacles, yarns, strands and nodes as viser nodes whose properties follow the frames."""
 
 from dataclasses import dataclass
 
@@ -6,12 +6,12 @@ import numpy as np
 import viser
 
 from engine.contact.obstacles import Obstacles
-from engine.run.frames import YarnFrame
-from engine.yarns.handles import Handles
-from viewer import detail, layers, shapes
+from engine.geometry.handles import Handles
+from engine.run.frames import Frame, StrandFrame, YarnFrame
+from viewer import detail, layers, shapes, strand_detail
 from viewer.detail import Level
 from viewer.lay import Layout
-from viewer.layers import Bytes, Paint
+from viewer.layers import Bytes, Paint, Segments
 from viewer.shapes import Instances
 
 PANEL_SHARE = 0.12  # the scene is moved left by this share of its size, out from under the panel
@@ -22,10 +22,10 @@ SPARE = 1.2  # room for this many times the instances that have to be shown
 class Shown:
     """What the visitor wants to see."""
 
-    yarns: bool
+    lines: bool  # yarns or strands
     nodes: bool
     obstacles: bool
-    paint: Paint
+    paint: Paint | None = None  # None: colours of what belongs together
     level: Level = "auto"
     focus: tuple[float, float, float] = (0.0, 0.0, 0.0)  # middle of the region that is drawn [m]
 
@@ -37,6 +37,7 @@ class Stage:
         self._client = client
         self._obstacles: list[viser.MeshHandle] = []
         self._yarns: viser.BatchedMeshHandle | None = None
+        self._strands: viser.BatchedMeshHandle | None = None
         self._nodes: viser.BatchedMeshHandle | None = None
         self._lights()
 
@@ -50,10 +51,10 @@ class Stage:
 
     def clear(self) -> None:
         """Take away everything of the scene that was shown."""
-        for handle in (*self._obstacles, self._yarns, self._nodes):
+        for handle in (*self._obstacles, self._yarns, self._strands, self._nodes):
             if handle is not None:
                 handle.remove()
-        self._obstacles, self._yarns, self._nodes = [], None, None
+        self._obstacles, self._yarns, self._strands, self._nodes = [], None, None, None
 
     def set_obstacles(self, obstacles: Obstacles, low: np.ndarray, high: np.ndarray) -> None:
         """Show the obstacles of a scene that extends from `low` to `high` [m]."""
@@ -81,32 +82,46 @@ class Stage:
         camera.position = eye + aside
         camera.look_at = target + aside  # after the position, which carries the old target along
 
-    def draw(self, yarns: YarnFrame | None, layout: Layout, shown: Shown) -> str:
-        """Show the yarns of one frame: as they lie, or with the nodes on thin lines where they are computed.
-
-        Returns what part of the frame that is, in words.
-        """
+    def draw(self, frame: Frame, layout: Layout, shown: Shown) -> str:
+        """Show the yarns and strands of one frame; returns what part of it that is, in words."""
         for handle in self._obstacles:
             handle.visible = shown.obstacles
-        if yarns is None:
-            return ""
+        said, paint = [], shown.paint or layers.paints_of(frame)[0]
+        if frame.yarns is not None:
+            said.append(self._draw_yarns(frame.yarns, layout, shown, paint))
+        if frame.strands is not None:
+            said.append(self._draw_strands(frame.strands, shown, paint))
+        return "; ".join(said)
+
+    def _draw_yarns(self, yarns: YarnFrame, layout: Layout, shown: Shown, paint: Paint) -> str:
+        """Show yarns as they lie, or with the nodes on thin lines where they are computed."""
         whole, yarns = yarns, detail.part(yarns, shown.level, np.array(shown.focus))
         if shown.nodes:
-            segments = layers.yarn_segments(yarns, shown.paint, layers.LINE_SCALE)
+            segments = layers.yarn_segments(yarns, paint, layers.LINE_SCALE)
         else:
             drawn = layout(yarns, detail.budget(shown.level).segments)
-            segments = layers.yarn_segments(drawn, shown.paint)
-        # one colour an instance: that of the middle of the segment
-        colours = segments.colours.mean(axis=1, dtype=np.float32).round().astype(np.uint8)
-        tube = shapes.tube(len(segments.points))
-        self._yarns = self._instances(self._yarns, "/yarns", tube, shapes.tubes(segments), colours)
-        self._yarns.visible = shown.yarns
+            segments = layers.yarn_segments(drawn, paint)
+        self._yarns = self._tubes(self._yarns, "/yarns", segments)
+        self._yarns.visible = shown.lines
         if shown.nodes:
             points = layers.node_points(yarns)
             self._nodes = self._instances(self._nodes, "/nodes", shapes.UNIT_BALL, shapes.balls(points), points.colours)
         if self._nodes is not None:
             self._nodes.visible = shown.nodes
         return detail.statement(whole, yarns, shown.nodes)
+
+    def _draw_strands(self, strands: StrandFrame, shown: Shown, paint: Paint) -> str:
+        part = strand_detail.part(strands, shown.level, np.array(shown.focus))
+        limit = layers.paint_limit(strands, paint)
+        segments = layers.strand_segments(part.strands, paint, limit, detail.budget(shown.level).segments)
+        self._strands = self._tubes(self._strands, "/strands", segments)
+        self._strands.visible = shown.lines
+        return part.said
+
+    def _tubes(self, handle: viser.BatchedMeshHandle | None, name: str, segments: Segments) -> viser.BatchedMeshHandle:
+        # one colour an instance: that of the middle of the segment
+        colours = segments.colours.mean(axis=1, dtype=np.float32).round().astype(np.uint8)
+        return self._instances(handle, name, shapes.tube(len(segments.points)), shapes.tubes(segments), colours)
 
     def _instances(
         self,

@@ -20,6 +20,7 @@ from engine.contact.contact_problem import ContactProblem, align, relative, stif
 from engine.linalg import banded
 
 NEWTON = 30  # iterations in a round
+WHOLE = 5  # rounds in which limits of friction change as they should; then they go half of the way, so as not to swing
 INEXACT = 0.03  # residual of conjugate gradients, over that at their start
 MOST = 200  # iterations of conjugate gradients
 CLOSE = 0.1  # of the tolerance, that no vertex is to move by in a further iteration
@@ -64,18 +65,19 @@ def respond(problem, stiffness, limit, c, force, w, r, slope):
 
 
 @njit(cache=True, error_model="numpy")
-def update_limits(problem, stiffness, w, force, limit):
-    """Write the limits of friction [C] of contacts whose normal force at w [C, 3] is that of `force` [C, 3]."""
+def update_limits(problem, stiffness, w, force, limit, share):
+    """Bring the limits of friction [C] by a `share` of the way to those of contacts with `force` at w [C, 3]."""
     for c in range(len(limit)):
-        k = stiffness[c, 0]
-        limit[c] = friction_limit(force[c, 0], force[c, 0] - k * w[c, 0], k, problem.gap[c], problem.friction[c], problem.pull[c])
+        k, r = stiffness[c, 0], force[c, 0]
+        wanted = friction_limit(r, r - k * w[c, 0], k, problem.gap[c], problem.friction[c], problem.pull[c])
+        limit[c] += share * (wanted - limit[c])
 
 
 @njit(cache=True, error_model="numpy")
 def law_error(problem, stiffness, w, force):
     """Return what w and `force` [C, 3] miss of Coulomb's law at most: w in distances of touch, the force in parts of it."""
-    r, slope, limit, largest, part = np.empty(3), np.empty(4), np.empty(len(force)), 0.0, 0.0
-    update_limits(problem, stiffness, w, force, limit)
+    r, slope, limit, largest, part = np.empty(3), np.empty(4), np.zeros(len(force)), 0.0, 0.0
+    update_limits(problem, stiffness, w, force, limit, 1.0)
     for c in range(len(force)):
         respond(problem, stiffness, limit, c, force[c], w[c], r, slope)
         off = whole = 0.0
@@ -99,25 +101,29 @@ def displacements(problem, moved, w):
 
 
 def solve(
-    strands: Strands, problem: ContactProblem, moved: Floats, force: Floats, tolerance: float, most: int
+    strands: Strands, problem: ContactProblem, moved: Floats, force: Floats, tolerance: float, most: int,
+    penalty: Floats | None = None,
 ) -> Answer:
     """Find the forces at contacts [C, 3] [N] from a first guess that is overwritten.
 
     Vertices have moved by `moved` [V, 3] [m] in the step where strands are. Rounds end when the law's error is at most
-    `tolerance`, or after `most`.
+    `tolerance`, or after `most`. Where there is a `penalty` [C] [N/m], contacts are springs of this stiffness and nothing else.
     """
-    stiffest, stiffness = align(problem, strands.band), np.zeros((len(force), 3))
+    stiffest, stiffness = align(problem, strands.band, strands.held), np.zeros((len(force), 3))
+    if penalty is not None:
+        stiffness[:], force[:], most = penalty[:, None], 0.0, 1
     force[:] = np.einsum("cij,cj->ci", problem.frame, force)
     step, direction, residual = (np.zeros(strands.gradient.shape) for _ in range(3))
     w, r, slope = np.empty((len(force), 3)), np.empty((len(force), 3)), np.empty((len(force), 4))
-    start, limit = np.empty_like(w), np.empty(len(force))
+    start, limit = np.empty_like(w), np.zeros(len(force))
     factor, goal = np.empty_like(strands.band), CLOSE * tolerance * problem.touch.min()
     displacements(problem, moved, start)
     last, rounds, newton, linear = step, 0, 0, 0
     error = np.inf
     while rounds < most:
-        stiffen(problem, stiffest, force, tolerance, stiffness)
-        update_limits(problem, stiffness, start + _by(problem, step), force, limit)
+        if penalty is None:
+            stiffen(problem, stiffest, force, tolerance, stiffness)
+        update_limits(problem, stiffness, start + _by(problem, step), force, limit, 1.0 if rounds < WHOLE else 0.5)
         value = evaluate(strands, problem, stiffness, limit, force, start, step, w, r, slope, residual)
         for _ in range(NEWTON):
             if not precondition(strands, problem, slope, factor):
@@ -137,7 +143,7 @@ def solve(
                 break
         force[:] = r
         rounds += 1
-        error, part = law_error(problem, stiffness, w, force)
+        error, part = law_error(problem, stiffness, w, force) if penalty is None else (0.0, 0.0)
         moves, last = np.abs(step[:, :3] - last[:, :3]).max(), step
         if error <= tolerance and (part <= tolerance or moves <= goal):
             break
@@ -172,7 +178,16 @@ def evaluate(strands, problem, stiffness, limit, force, start, step, w, r, slope
                 energy[i] += step[v, k] * (strands.gradient[v, k] + 0.5 * residual[v, k])
                 residual[v, k] = -strands.gradient[v, k] - residual[v, k]
         _add_forces(strands, problem, i, r, residual)
-    return energy.sum() + potential.sum()
+    return in_order(energy) + in_order(potential)
+
+
+@njit(cache=True, error_model="numpy")
+def in_order(values):
+    """Sum of values [n] one after the other: within a parallel function `sum` would depend on the number of threads."""
+    total = 0.0
+    for value in values:
+        total += value
+    return total
 
 
 @njit(cache=True, error_model="numpy")
@@ -231,7 +246,7 @@ def conjugate_gradients(strands, problem, slope, factor, b, x):
         banded.solve(factor[4 * first : 4 * last], z[first:last].reshape(-1))
         p[first:last] = z[first:last]
         part[i] = np.sum(r[first:last] * z[first:last])
-    rz = part.sum()
+    rz = in_order(part)
     goal = INEXACT * INEXACT * rz
     for iteration in range(MOST):
         if not rz > goal:
@@ -247,7 +262,7 @@ def conjugate_gradients(strands, problem, slope, factor, b, x):
             banded.multiply(strands.band[4 * first : 4 * last], p[first:last].reshape(-1), q[first:last].reshape(-1))
             _add_forces(strands, problem, i, pressed, q)
             part[i] = np.sum(p[first:last] * q[first:last])
-        alpha = rz / part.sum()
+        alpha = rz / in_order(part)
         for i in prange(len(problem.strand)):
             first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
             x[first:last] += alpha * p[first:last]
@@ -255,7 +270,7 @@ def conjugate_gradients(strands, problem, slope, factor, b, x):
             z[first:last] = r[first:last]
             banded.solve(factor[4 * first : 4 * last], z[first:last].reshape(-1))
             part[i] = np.sum(r[first:last] * z[first:last])
-        beta = part.sum() / rz
+        beta = in_order(part) / rz
         rz *= beta
         for i in prange(len(problem.strand)):
             first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]

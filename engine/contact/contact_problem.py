@@ -12,6 +12,9 @@ from engine.strands.springs import Springs
 STIFF = 10.0  # stiffness of contacts over that of the strands, where the rest of them is held, or over that of their mass
 
 
+RIGID = 1e9  # stiffness of what is held, over that of the same vertex in other directions
+
+
 class ContactProblem(NamedTuple):
     """C contacts: w = sum of weight * displacement of four vertices - carried, as components in the frame of each."""
 
@@ -62,33 +65,60 @@ def _frames(normal: Floats) -> Floats:
 
 
 @njit(cache=True, error_model="numpy")
-def align(problem, band):
+def align(problem, band, held):
     """Turn the frames so that contacts are softest in one direction across the normal; returns their largest stiffness [C, 3].
 
-    It is, in N/m, in proportion to that of their strands, whose Hessians are `band` [4V, w+1], where all but the vertices at the
-    contact is held. What both sides yield adds up: strands that cross are soft along each other, for neither can hold the other.
+    It is, in N/m, in proportion to that of their strands, whose Hessians are `band` [4V, w+1], where all but one vertex is held
+    at a time, and what is `held` [V, 4]. What vertices yield adds up: strands that cross are soft along each other, for neither can
+    hold the other.
     """
-    stiffness, own, soft = np.empty((len(problem.gap), 3)), np.empty((3, 3)), np.empty(4)
+    stiffness, soft = np.empty((len(problem.gap), 3)), np.empty((3, 3))
     for c in range(len(problem.gap)):
         frame = problem.frame[c]
-        soft[:] = 0.0
-        for side in range(2):
-            _own_stiffness(problem, band, c, side, own)
-            if own[0, 0] > 0.0:
-                determinant = own[1, 1] * own[2, 2] - own[1, 2] * own[2, 1]
-                soft[0] += 1.0 / own[0, 0]
-                soft[1] += own[2, 2] / determinant
-                soft[2] -= own[1, 2] / determinant
-                soft[3] += own[1, 1] / determinant
-        angle = 0.5 * np.arctan2(2.0 * soft[2], soft[1] - soft[3])
+        _softness(problem, band, held, c, soft)
+        angle = 0.5 * np.arctan2(2.0 * soft[1, 2], soft[1, 1] - soft[2, 2])
         cosine, sine = np.cos(angle), np.sin(angle)
-        middle, half = 0.5 * (soft[1] + soft[3]), np.hypot(0.5 * (soft[1] - soft[3]), soft[2])
+        middle, half = 0.5 * (soft[1, 1] + soft[2, 2]), np.hypot(0.5 * (soft[1, 1] - soft[2, 2]), soft[1, 2])
         for k in range(3):
             first, second = frame[1, k], frame[2, k]
             frame[1, k], frame[2, k] = cosine * first + sine * second, cosine * second - sine * first
-        stiffness[c, 0] = STIFF / soft[0]
+        stiffness[c, 0] = STIFF / soft[0, 0]
         stiffness[c, 1], stiffness[c, 2] = STIFF / (middle + half), STIFF / (middle - half)
     return stiffness
+
+
+@njit(cache=True, error_model="numpy")
+def _softness(problem, band, held, c, soft):
+    """Write what contact c yields to a unit force in its frame [3, 3] [m/N]: the sum of what its vertices do one by one."""
+    soft[:] = 0.0
+    own, inverse = np.empty((3, 3)), np.empty((3, 3))
+    for e in range(4):
+        v, square = problem.vertex[c, e], problem.weight[c, e] ** 2
+        if square == 0.0 or (held[v, 0] and held[v, 1] and held[v, 2]):
+            continue
+        for a in range(3):
+            for b in range(3):
+                own[a, b] = band[4 * v + max(a, b), abs(a - b)]
+            if held[v, a]:
+                own[a, a] = RIGID * max(band[4 * v, 0], band[4 * v + 1, 0], band[4 * v + 2, 0])
+        _invert(own, inverse)
+        for i in range(3):
+            for j in range(3):
+                for a in range(3):
+                    for b in range(3):
+                        soft[i, j] += square * problem.frame[c, i, a] * inverse[a, b] * problem.frame[c, j, b]
+
+
+@njit(cache=True, error_model="numpy")
+def _invert(a, inverse):
+    """Write the inverse of a matrix [3, 3]."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for m in range(3):
+            n, o = (m + 1) % 3, (m + 2) % 3
+            inverse[m, i] = a[j, n] * a[k, o] - a[j, o] * a[k, n]
+    determinant = a[0, 0] * inverse[0, 0] + a[0, 1] * inverse[1, 0] + a[0, 2] * inverse[2, 0]
+    inverse[:] /= determinant
 
 
 @njit(cache=True, error_model="numpy")
@@ -103,20 +133,6 @@ def stiffen(problem, most, force, tolerance, stiffness):
         wanted = max(STIFF / problem.yielding[c], size / (tolerance * problem.touch[c]))
         for i in range(3):
             stiffness[c, i] = max(stiffness[c, i], min(most[c, i], wanted))
-
-
-@njit(cache=True, error_model="numpy")
-def _own_stiffness(problem, band, c, side, own):
-    """Write the stiffness [3, 3] of one side of contact c in its frame, nothing for a solid."""
-    own[:] = 0.0
-    for e in range(2 * side, 2 * side + 2):
-        square, row = problem.weight[c, e] ** 2, 4 * problem.vertex[c, e]
-        for i in range(3):
-            for j in range(3):
-                for a in range(3):
-                    for b in range(3):
-                        entry = band[row + max(a, b), abs(a - b)]
-                        own[i, j] += square * problem.frame[c, i, a] * problem.frame[c, j, b] * entry
 
 
 @njit(cache=True, error_model="numpy")

@@ -7,7 +7,7 @@ from engine.geometry.moving_segments import first_near
 from engine.geometry.segment_distance import nearest_on_segments
 
 DEEP = 0.5  # of the distance at the start, or at which two touch: edges in contact that come nearer pass through each other
-MOST = 4  # contacts of one pair of edges
+LEVEL = 0.05  # of the distance at which edges touch, by which it changes along what lies side by side
 LOOP = np.pi / 2  # least length of strand between two of its edges that touch, in the distance at which they do
 
 
@@ -34,18 +34,17 @@ def find(pairs, x, motion, radius, near, strand, along, known):
         if met == 0 and distance <= near[a] + near[b]:
             met = 1
             if not (_is_next(s, a, strand) or _is_next(t, b, strand)):
+                s, t = _middle(x, a, b, s, t, distance + LEVEL * touch)
                 edge[count, 0], edge[count, 1], share[count, 0], share[count, 1] = a, b, s, t
                 time[count], before[count] = 0.0, distance
                 count += 1
-        if met < MOST:
-            limit = touch if met == 0 else DEEP * min(distance, touch)
-            when = first_near(x, motion, a, b, limit, ends)
-            if when <= 1.0:
-                s, t, _ = nearest_on_segments(ends[0], ends[1], ends[2], ends[3])
-                if not (_is_next(s, a, strand) or _is_next(t, b, strand)):
-                    edge[count, 0], edge[count, 1], share[count, 0], share[count, 1] = a, b, s, t
-                    time[count], before[count] = when, distance
-                    count += 1
+        limit = touch if met == 0 else DEEP * min(distance, touch)
+        when = first_near(x, motion, a, b, limit, ends)
+        if when <= 1.0:
+            s, t, _ = nearest_on_segments(ends[0], ends[1], ends[2], ends[3])
+            edge[count, 0], edge[count, 1], share[count, 0], share[count, 1] = a, b, s, t
+            time[count], before[count] = when, distance
+            count += 1
     return edge[:count], share[:count], time[:count], before[:count]
 
 
@@ -53,3 +52,47 @@ def find(pairs, x, motion, radius, near, strand, along, known):
 def _is_next(share, edge, strand):
     """Whether a place on an edge is the start of the next edge, which then has the contact."""
     return share == 1.0 and edge + 2 < len(strand) and strand[edge + 2] == strand[edge]
+
+
+@njit(cache=True)
+def _middle(x, a, b, s, t, most):
+    """Return the middle of what of edge a lies beside edge b, where its ends are no further than `most` [m], else s and t."""
+    first, second = beside(x, a, b)
+    places = np.empty((2, 3))
+    for k in range(3):
+        places[0, k] = (1.0 - first) * x[a, k] + first * x[a + 1, k]
+        places[1, k] = (1.0 - second) * x[a, k] + second * x[a + 1, k]
+    other = np.empty(2)
+    for e in range(2):
+        _, other[e], square = nearest_on_segments(places[e], places[e], x[b], x[b + 1])
+        if square > most * most:
+            return s, t
+    return 0.5 * (first + second), 0.5 * (other[0] + other[1])
+
+
+@njit(cache=True)
+def beside(x, a, b):
+    """Return the shares of edge a, ascending, between which it lies beside edge b: where the ends of b are nearest to a."""
+    shares = np.empty(2)
+    for e in range(2):
+        along = square = 0.0
+        for k in range(3):
+            edge = x[a + 1, k] - x[a, k]
+            along += edge * (x[b + e, k] - x[a, k])
+            square += edge * edge
+        shares[e] = min(max(along / square, 0.0), 1.0)
+    return min(shares[0], shares[1]), max(shares[0], shares[1])
+
+
+@njit(cache=True)
+def length_beside(x, edge):
+    """Return the length of the first edges that lies beside the second ones of pairs [C, 2], shape [C] [m]."""
+    length = np.empty(len(edge))
+    for c in range(len(edge)):
+        a = edge[c, 0]
+        first, second = beside(x, a, edge[c, 1])
+        whole = 0.0
+        for k in range(3):
+            whole += (x[a + 1, k] - x[a, k]) ** 2
+        length[c] = (second - first) * np.sqrt(whole)
+    return length

@@ -13,9 +13,9 @@ from numba import njit
 
 from engine.arrays import Floats, Ints
 from engine.contact.surface import Surfaces
+from engine.geometry.handles import Handles
 from engine.geometry.solids import SAMPLED, Solids, distance_to
 from engine.yarns.coulomb import follow, huber
-from engine.yarns.handles import Handles
 
 
 class ObstacleKind(IntEnum):

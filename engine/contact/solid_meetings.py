@@ -10,7 +10,6 @@ from numba import njit
 from engine.geometry.solids import distance_to
 
 DEEP = 0.5  # of the distance at the start, or at which they touch: a place in contact that comes nearer passes through
-MOST = 4  # contacts of one vertex or edge with a solid
 CLOSE = 0.01  # of the radius, within which a distance is reached
 ADVANCES = 200  # after which what grazes a solid counts as near
 BULGE = 0.01  # of the radius, by which a place within an edge is nearer than its ends if it is in contact of its own
@@ -36,8 +35,6 @@ def at_vertices(solids, o, x, motion, radius, near, known):
             vertex[count], time[count], there[count], before[count] = v, 0.0, distance, distance
             _unit(outward, normal[count])
             count += 1
-        if met == MOST:
-            continue
         limit = radius[v] if met == 0 else DEEP * min(distance, radius[v])
         speed, when, now = np.sqrt(motion[v, 0] ** 2 + motion[v, 1] ** 2 + motion[v, 2] ** 2), 0.0, distance
         for _ in range(ADVANCES):
@@ -79,8 +76,6 @@ def within_edges(solids, o, x, motion, radius, near, edges, known):
                 edge[count], share[count], time[count], there[count], before[count] = v, s, 0.0, distance, distance
                 _unit(outward, normal[count])
                 count += 1
-        if met == MOST:
-            continue
         limit = radius[v] if met == 0 else DEEP * min(distance, radius[v])
         when, now = 0.0, distance
         for _ in range(ADVANCES):

@@ -8,11 +8,13 @@ the strands and its normal for the rest of the step; where the way that follows 
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from engine.arrays import Flags, Floats, Ints
 from engine.contact import edge_meetings, solid_meetings
 from engine.contact.obstacles import ObstacleMotion
 from engine.geometry.near_segments import near_pairs
+from engine.geometry.segment_distance import nearest_on_segments
 from engine.geometry.solids import moved_along
 from engine.strands.model import StrandModel
 
@@ -56,9 +58,14 @@ class Contacts(NamedTuple):
             np.add.at(total, edge + 1, share * own)
         return total
 
-    def overlap(self, moved: Floats) -> Floats:
-        """Return how deep sides are in each other where vertices moved by `moved` [V, 3] [m], over the distance of touch [C]."""
-        return 1.0 - (self.apart + np.einsum("ck,ck->c", self.normal, self.displaced(moved))) / self.touch
+    def overlap(self, x: Floats, moved: Floats) -> float:
+        """Return how deep sides are in each other at most where vertices are at x and moved by `moved` [V, 3] [m].
+
+        It is over the distance of touch; solids count as flat within the step.
+        """
+        solid = self.edge[:, 1] < 0
+        left = 1.0 - (self.apart + np.einsum("ck,ck->c", self.normal, self.displaced(moved))) / self.touch
+        return max(_deepest(self.edge, self.touch, x), float(left[solid].max(initial=0.0)))
 
     def pressing(self) -> tuple[Ints, Floats]:
         """Return the keys of contacts with a force, ascending, and the sum of forces [., 3] of each key [N]."""
@@ -105,7 +112,7 @@ class Touching:
         self.segment = np.flatnonzero(~self.last)
         self.strand = np.repeat(np.arange(len(model.start) - 1), np.diff(model.start))
         self.radius = np.sqrt(model.radius[:, 0] * model.radius[:, 1])
-        self.fixed = model.held[:, :3].all(axis=1)
+        self.fixed: Flags = np.logical_and.reduce(model.held[:, :3], axis=1)
         self.along = np.concatenate([[0.0], np.cumsum(model.rest_length)[:-1]])
 
     def strands_of(self, contacts: Contacts) -> Flags:
@@ -174,7 +181,6 @@ class Touching:
             ))
         return found
 
-
     def _kept(self, distance: Floats, touch: Floats, h: float, edge: Ints) -> Floats:
         """The distance that contacts are to keep whose sides are so far apart at the start of the step.
 
@@ -194,3 +200,15 @@ def _keys(edge: Ints) -> Ints:
 def _on(edge: Ints, share: Floats, values: Floats) -> Floats:
     """What `values` [V, 3] are at places on edges [C, n], shape [C, n, 3]."""
     return (1.0 - share[:, :, None]) * values[edge] + share[:, :, None] * values[edge + 1]
+
+
+@njit(cache=True)
+def _deepest(edge, touch, x):
+    """Return how deep edges at x [V, 3] [m] are in each other at most, over the distance of touch; solids are left out."""
+    most = 0.0
+    for c in range(len(touch)):
+        a, b = edge[c, 0], edge[c, 1]
+        if b >= 0:
+            square = nearest_on_segments(x[a], x[a + 1], x[b], x[b + 1])[2]
+            most = max(most, 1.0 - np.sqrt(square) / touch[c])
+    return most

@@ -51,11 +51,14 @@ def write_checkpoint(directory: Path, checkpoint: Checkpoint) -> None:
     write_whole(checkpoint_path(directory), hdf5_image(fill))
 
 
-def read_checkpoint(directory: Path, scene: str, expected: dict[str, NDArray]) -> Checkpoint:
+def read_checkpoint(
+    directory: Path, scene: str, expected: dict[str, NDArray], varying: frozenset[str] = frozenset()
+) -> Checkpoint:
     """Return the checkpoint of a job directory.
 
     `scene` is the fingerprint that it must carry, `expected` has the names, shapes and types that its arrays must
-    have: they are compared before any array is read. Raises CheckpointMismatch.
+    have: they are compared before any array is read. Those of the arrays `varying` may have any number of rows, the same for
+    all of them. Raises CheckpointMismatch.
     """
     path = checkpoint_path(directory)
     try:
@@ -66,19 +69,23 @@ def read_checkpoint(directory: Path, scene: str, expected: dict[str, NDArray]) -
                 scene=scene, time=float(file.attrs["time"]), step=int(file.attrs["step"]),
                 next_frame=int(file.attrs["next_frame"]),
                 size=StepSize(float(file.attrs["dt"]), int(file.attrs["calm"])),
-                arrays=_read_arrays(file["state"], expected, path),
+                arrays=_read_arrays(file["state"], expected, varying, path),
                 statistics=Statistics(**json.loads(file["statistics"][()])),
             )
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise CheckpointMismatch(f"{path} cannot be read: {error}") from error
 
 
-def _read_arrays(state: h5py.Group, expected: dict[str, NDArray], path: Path) -> dict[str, NDArray]:
+def _read_arrays(
+    state: h5py.Group, expected: dict[str, NDArray], varying: frozenset[str], path: Path
+) -> dict[str, NDArray]:
     if set(state) != set(expected):
         raise CheckpointMismatch(f"{path} holds other arrays than this version: {sorted(set(state) ^ set(expected))}")
+    rows = next((state[name].shape[:1] for name in sorted(varying)), ())
     for name, like in expected.items():
-        if state[name].shape != like.shape or state[name].dtype != like.dtype:
+        shape = rows + like.shape[1:] if name in varying else like.shape
+        if state[name].shape != shape or state[name].dtype != like.dtype:
             raise CheckpointMismatch(
-                f"{path}: {name} is {state[name].dtype}{list(state[name].shape)}, not {like.dtype}{list(like.shape)}"
+                f"{path}: {name} is {state[name].dtype}{list(state[name].shape)}, not {like.dtype}{list(shape)}"
             )
     return {name: np.ascontiguousarray(state[name][()]) for name in expected}

@@ -3,12 +3,13 @@
 import re
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import TypedDict
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.arrays import Floats, Ints
+from engine.arrays import Floats, Ints, Singles
 from engine.run.files import hdf5_image, write_whole
 
 _FRAME_FILE = re.compile(r"\d{6,}\.h5")
@@ -34,6 +35,29 @@ class YarnFrame:
 
 
 @dataclass(frozen=True)
+class StrandFrame:
+    """All strands at one time: S strands with V vertices."""
+
+    positions: Singles  # of vertices in order along each strand [m], shape [V, 3]
+    offsets: Ints  # strand s is positions[offsets[s]:offsets[s+1]], shape [S+1]
+    radius: Singles  # of the edge towards the next vertex, were its section of the same area round [m], shape [V]
+    group: Ints  # of strands that belong together, shape [S]
+    strain: Singles  # stretch of edges, averaged to vertices, shape [V]
+    curvature: Singles  # [1/m], shape [V]
+    contact_force: Singles  # sum of the magnitudes of the contact forces on a vertex [N], shape [V]
+
+
+class Components(TypedDict, total=False):
+    """What a scene has at one time; components that it lacks are not there."""
+
+    yarns: YarnFrame
+    strands: StrandFrame
+
+
+_COMPONENTS = {"yarns": YarnFrame, "strands": StrandFrame}  # by their names in files
+
+
+@dataclass(frozen=True)
 class Frame:
     """The scene at one time; components that it lacks are None."""
 
@@ -41,6 +65,7 @@ class Frame:
     time: float  # [s]
     step: int  # accepted steps so far
     yarns: YarnFrame | None = None
+    strands: StrandFrame | None = None
     series: dict[str, float] = field(default_factory=dict)  # one value per frame: dt, residual, energies, counts, ...
 
 
@@ -70,12 +95,13 @@ def write_frame(directory: Path, frame: Frame) -> Path:
 def read_frame(path: Path) -> Frame:
     """Return the frame in the file `path`."""
     with h5py.File(path, "r") as file:
-        yarns = None
-        if "yarns" in file:
-            yarns = YarnFrame(**{entry.name: file["yarns"][entry.name][()] for entry in fields(YarnFrame)})
         return Frame(
-            index=int(file.attrs["index"]), time=float(file.attrs["time"]), step=int(file.attrs["step"]), yarns=yarns,
+            index=int(file.attrs["index"]), time=float(file.attrs["time"]), step=int(file.attrs["step"]),
             series={name: float(value) for name, value in file["series"].attrs.items()},
+            **{
+                name: component(**{entry.name: file[name][entry.name][()] for entry in fields(component)})
+                for name, component in _COMPONENTS.items() if name in file
+            },
         )
 
 
@@ -88,10 +114,11 @@ def drop_frames(directory: Path) -> None:
 
 def _fill(file: h5py.File, frame: Frame) -> None:
     file.attrs["index"], file.attrs["time"], file.attrs["step"] = frame.index, frame.time, frame.step
-    if frame.yarns is not None:
-        group = file.create_group("yarns")
-        for name, values in vars(frame.yarns).items():
-            group[name] = values
+    for component in _COMPONENTS:
+        if (part := getattr(frame, component)) is not None:
+            group = file.create_group(component)
+            for name, values in vars(part).items():
+                group[name] = values
     file.create_group("series").attrs.update(frame.series)
 
 

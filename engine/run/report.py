@@ -14,8 +14,8 @@ def make_report(
     """Return the report of a run.
 
     `simulated` is the time reached [s]; `applies` names the optional keys that make sense for the scene
-    (`contacts_added`, `contacts_removed`, `contact_gap_max`, `addition_gap_max`, `penetration_max`); `memory` has the keys
-    on memory [bytes]; `reason` says why a failed job failed.
+    (`contacts_added`, `contacts_removed`, `linear_iterations`, `contact_gap_max`, `addition_gap_max`, `penetration_max`);
+    `memory` has the keys on memory [bytes]; `reason` says why a failed job failed.
     """
     report: dict = {"strandline": 1, "scene": name, "state": state}
     if reason is not None:
@@ -59,7 +59,8 @@ def _error(statistics: Statistics, applies: set[str]) -> dict:
     if statistics.newton_iterations:
         error["newton_residual_max"] = statistics.residual_max
         error["newton_iterations"] = _median_and_max(statistics.newton_iterations)
-        error["linear_iterations"] = _median_and_max(statistics.linear_iterations)
+        if "linear_iterations" in applies:
+            error["linear_iterations"] = _median_and_max(statistics.linear_iterations)
         for name in ("contact_gap_max", "addition_gap_max", "penetration_max"):
             if name in applies:
                 error[name] = getattr(statistics, name)

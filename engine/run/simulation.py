@@ -140,7 +140,7 @@ class _Loop:
         self.report_keys, self.nodes = self.simulated.report_keys, self.simulated.nodes
         self.scene_fingerprint = fingerprint(self.scene)
         if resume and checkpoint_path(self.job.path).exists():
-            saved = read_checkpoint(self.job.path, self.scene_fingerprint, self.simulated.arrays())
+            saved = read_checkpoint(self.job.path, self.scene_fingerprint, self.simulated.arrays(), self.simulated.varying)
             self.simulated.restore(saved.arrays)
             self.time, self.step, self.next_frame, self.size = saved.time, saved.step, saved.next_frame, saved.size
             self.statistics, self.checkpointed_frame = saved.statistics, saved.next_frame
@@ -232,7 +232,7 @@ class _Loop:
             "potential_energy": energies["potential"],
             **{name: float(count) for name, count in self.simulated.counts().items()},
         }
-        frame = Frame(self.next_frame, self.time, self.step, self.simulated.yarn_frame(), series)
+        frame = Frame(self.next_frame, self.time, self.step, series=series, **self.simulated.components())
         if self.scene.output.frames:
             write_frame(self.job.path, frame)
         self.next_frame += 1

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.run.frames import YarnFrame
+from engine.run.frames import Components, YarnFrame
 from engine.run.statistics import Invariants
 from engine.scene.build import build
 from engine.scene.schema import Scene
@@ -16,6 +16,8 @@ from engine.yarns.model import PointKind
 class YarnsInMotion:
     """Model, state and stepper of the yarns of a scene."""
 
+    varying: frozenset[str] = frozenset()
+
     def __init__(self, scene: Scene):
         built = build(scene)
         assert built.yarns is not None and built.state is not None
@@ -26,7 +28,7 @@ class YarnsInMotion:
         self.nodes = model.point_count
         contacts = bool(np.any(model.point_nodes[:, 1] >= 0))
         obstacles = len(built.obstacles.kind) > 0
-        self.report_keys = {"contact_gap_max"} if contacts else set()
+        self.report_keys = {"linear_iterations"} | ({"contact_gap_max"} if contacts else set())
         if np.any(model.point_kind == PointKind.CONTACT):
             self.report_keys |= {"contacts_removed"}
             if built.settings.dynamic_contacts:
@@ -79,9 +81,9 @@ class YarnsInMotion:
             kept["kinetic_energy"], kept["potential_energy"] = energies["kinetic"], energies["potential"]
         return Invariants(**kept)
 
-    def yarn_frame(self) -> YarnFrame:
+    def components(self) -> Components:
         """Return the yarns as they are drawn."""
-        return YarnFrame(**observe.yarn_frame_arrays(self.model, self.state))
+        return {"yarns": YarnFrame(**observe.yarn_frame_arrays(self.model, self.state))}
 
     def half_step_errors(self, before: dict[str, NDArray], time: float, h: float) -> dict[str, float] | None:
         """Return the largest differences of positions `x` and Eulerian coordinates `u` [m] to two half steps."""

@@ -8,13 +8,13 @@ import numpy as np
 from engine.arrays import Floats
 from engine.contact.obstacles import ObstacleKind, Obstacles
 from engine.contact.surface import packed
+from engine.geometry.handles import Handles
 from engine.scene.handles import handle_numbers, scripted_handles
 from engine.scene.meshes import contact_reach, sampled_mesh
 from engine.scene.placement import axes
 from engine.scene.schema import Box, Cylinder, Mesh, Obstacle, Scene, Sphere
 from engine.scene.size import SizeEstimate, estimate
 from engine.strands.settings import StrandSettings
-from engine.yarns.handles import Handles
 from engine.yarns.settings import YarnSettings
 
 if TYPE_CHECKING:  # kernels are imported only for the components that a scene has

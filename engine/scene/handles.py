@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from engine.geometry.handles import Handles
 from engine.scene.schema import Script
-from engine.yarns.handles import Handles
 
 
 def scripted_handles(script: Script) -> Handles:

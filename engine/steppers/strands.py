@@ -11,6 +11,7 @@ import numpy as np
 from engine.arrays import Flags, Floats
 from engine.contact.augmented_lagrangian import solve
 from engine.contact.contact_problem import contact_problem, springs_of
+from engine.contact.edge_meetings import length_beside
 from engine.contact.obstacles import ObstacleMotion
 from engine.contact.strand_contacts import Contacts, Touching, no_contacts
 from engine.steppers.step_report import StepReport, Stopwatch
@@ -55,11 +56,11 @@ class StrandStepper:
         watch.lap("predict")
         for _ in range(settings.max_rounds):
             if len(contacts.edge):
-                problem = contact_problem(contacts, self.touching.strand, self._pull(contacts), h * h / predicted.mass)
+                problem = contact_problem(contacts, self.touching.strand, self._pull(contacts, state.x), h * h / predicted.mass)
                 strands = linearised(self.model, predicted, problem.strand, state, after, h)
                 force = contacts.force.copy()
                 answer = solve(strands, problem, after.x - state.x, force, INNER * settings.contact_tolerance,
-                               settings.max_contact_rounds)
+                               settings.max_contact_rounds, self._penalty(contacts))
                 contacts = contacts._replace(force=np.einsum("cij,ci->cj", problem.frame, force))
                 report.linear_iterations += answer.linear
                 moves = np.abs(answer.step[:, :3]).max() / contacts.touch.min()
@@ -91,13 +92,13 @@ class StrandStepper:
         return replace(state.copy(), x=np.where(held[:, :3], x, state.x), spin=np.where(held[:, 3], turn, 0.0) / h)
 
     def _near(self, state: StrandState, moved: Floats, h: float, obstacles: ObstacleMotion | None, known: Contacts) -> Contacts:
-        """Contacts beside those known when vertices move so [V, 3] [m]."""
-        if self.settings.contact == "none":
+        """Contacts beside those known when vertices move so [V, 3] [m]; penalties only know what is near at the start."""
+        if self.settings.contact == "none" or (self.settings.contact == "penalty" and moved.any()):
             return no_contacts()
         found = self.touching.between_strands(state.x, moved, h, known)
         if obstacles is not None and len(obstacles.friction):
             found = found.and_also(self.touching.with_solids(state.x, moved, h, obstacles, known))
-        return found
+        return found if self.settings.contact == "cone" else found._replace(friction=np.zeros(len(found.edge)))
 
     def _solve_strands(
         self, predicted: Inertia, springs: Springs, which: Flags, before: StrandState, after: StrandState, h: float,
@@ -115,15 +116,20 @@ class StrandStepper:
             report.reason = "Newton did not converge" if most else "the line search found no descent"
         return bool(converged.all())
 
-    def _pull(self, contacts: Contacts) -> Floats:
-        """What cohesion holds each contact with [N], shape [C]: that on an edge is shared by its contacts with other strands."""
-        if self.settings.cohesion == 0.0:
-            return np.zeros(len(contacts.edge))
-        strands = contacts.edge[:, 1] >= 0
-        edge = contacts.edge[strands]
-        share = self.model.rest_length / np.maximum(np.bincount(edge.ravel(), minlength=len(self.model.mass)), 1)
-        pull = np.zeros(len(strands))
-        pull[strands] = self.settings.cohesion * share[edge].min(axis=1)
+    def _penalty(self, contacts: Contacts) -> Floats | None:
+        """Stiffness of contacts where they are no more than springs [N/m], shape [C]: in proportion to the softer side's own."""
+        if self.settings.contact != "penalty":
+            return None
+        edge = np.where(contacts.edge[:, 1:] < 0, contacts.edge[:, :1], contacts.edge)
+        return self.settings.penalty_factor * self.model.stretch_stiffness[edge].min(axis=1)
+
+    def _pull(self, contacts: Contacts, x: Floats) -> Floats:
+        """What cohesion holds each contact with [N], [C]: over the length that edges lie side by side, or their thickness."""
+        pull = np.zeros(len(contacts.edge))
+        if self.settings.cohesion > 0.0:
+            strands = contacts.edge[:, 1] >= 0
+            length = np.maximum(length_beside(x, contacts.edge[strands]), contacts.touch[strands])
+            pull[strands] = self.settings.cohesion * length
         return pull
 
     def _commit(self, state: StrandState, after: StrandState, contacts: Contacts, h: float, report: StepReport) -> None:
@@ -132,8 +138,8 @@ class StrandStepper:
         after.contact_key, after.contact_force = contacts.pressing()
         size = np.linalg.norm(contacts.force, axis=1)
         after.vertex_contact_force = contacts.on_vertices(size[:, None], len(after.x), second=1.0)[:, 0]
-        overlap = contacts.overlap(after.x - state.x)
-        report.contact_gap, report.contacts = float(overlap.max(initial=0.0)), int(np.count_nonzero(size))
+        report.contact_gap = contacts.overlap(after.x, after.x - state.x)
+        report.contacts = int(np.count_nonzero(size))
         self.contacts = contacts
         vars(state).update(vars(after))
         report.accepted = True

@@ -8,13 +8,13 @@ from engine.contact import obstacles as obstacle_contact
 from engine.contact.collisions import pressing
 from engine.contact.obstacles import Obstacles, motion
 from engine.contact.sphere_packing import Collisions, collision_pairs
+from engine.geometry.handles import Handles
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.line_search import longest_update
 from engine.steppers.newton import newton
 from engine.steppers.newton_system import NewtonSystem
 from engine.steppers.step_report import StepReport, Stopwatch
 from engine.yarns import addition, contact, friction, friction_circle, inertia, normal_force, transition
-from engine.yarns.handles import Handles
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.removal import parted, remove
 from engine.yarns.settings import YarnSettings

@@ -4,8 +4,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from engine.arrays import Floats
+from engine.geometry.handles import Handles
 from engine.strands.model import StrandModel, StrandState
-from engine.yarns.handles import Handles
 
 
 def given(model: StrandModel, state: StrandState, handles: Handles, time: float, h: float) -> tuple[Floats, Floats]:

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.optimize import brentq
 
 from engine.arrays import Floats
+from engine.geometry.handles import Handles
 from engine.validate.catalogue import CaseResult, case, timed_rows
 from engine.validate.fit import fitted_exponent
 from engine.validate.rods import DOWN, EARTH, WEIGHTLESS, march, stepper, tensions
 from engine.yarns import observe
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
-from engine.yarns.handles import Handles
 
 TIGHT: dict[str, Any] = dict(tolerance=1e-6, linear_tolerance=1e-6)  # Newton's error is far below those measured
 

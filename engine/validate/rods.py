@@ -7,9 +7,9 @@ import numpy as np
 
 from engine.arrays import Floats
 from engine.contact.obstacles import Obstacles
+from engine.geometry.handles import Handles, no_handles
 from engine.steppers.yarns import YarnStepper
 from engine.yarns import observe
-from engine.yarns.handles import Handles, no_handles
 from engine.yarns.model import YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 

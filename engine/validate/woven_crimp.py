@@ -8,10 +8,10 @@ import numpy as np
 from scipy.optimize import root
 
 from engine.arrays import Floats
+from engine.geometry.handles import Handles
 from engine.validate.catalogue import CaseResult, case, timed_rows
 from engine.validate.rods import WEIGHTLESS, march, stepper
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
-from engine.yarns.handles import Handles
 from engine.yarns.model import YarnModel, YarnState
 
 WARP = YarnMaterial(radius=0.6e-3, density=1e-3, stretch_stiffness=12.0, bending_stiffness=1e-7, mass_damping=50.0)

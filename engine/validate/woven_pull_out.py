@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from engine.arrays import Floats
+from engine.geometry.handles import Handles
 from engine.validate.catalogue import CaseResult, case, timed_rows
 from engine.validate.rods import WEIGHTLESS, stepper
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
-from engine.yarns.handles import Handles
 from engine.yarns.normal_force import crimp_force
 
 CROSSINGS, SPACING, FRICTION = 6, 1e-2, 0.5

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from engine.arrays import Floats
+from engine.geometry.handles import Handles
 from engine.validate.catalogue import CaseResult, case, timed_rows
 from engine.validate.rods import WEIGHTLESS, stepper
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
-from engine.yarns.handles import Handles
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.shear import JAMMING
 

@@ -8,12 +8,12 @@ from engine.arrays import Floats
 from engine.contact import collisions as contact
 from engine.contact.obstacles import Obstacles
 from engine.contact.sphere_packing import collision_pairs, collisions_at_start
+from engine.geometry.handles import no_handles
 from engine.steppers.yarns import YarnStepper
 from engine.validate.catalogue import CaseResult, case, timed_rows
 from engine.validate.rods import DOWN, WEIGHTLESS, march
 from engine.yarns import observe
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
-from engine.yarns.handles import no_handles
 from engine.yarns.model import YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 

@@ -21,8 +21,11 @@ def picture(
         tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help="What the eye looks at [m]; the middle by default.")
     ] = None,
     size: Annotated[tuple[int, int], typer.Option(metavar="WIDTH HEIGHT", help="Of the picture, in pixels.")] = (1200, 800),
-    paint: Annotated[Literal["fabric", "strain"], typer.Option(help="What the yarns' colour says.")] = "fabric",
-    nodes: Annotated[bool, typer.Option(help="Show nodes, on thin yarns.")] = False,
+    paint: Annotated[
+        Literal["fabric", "group", "strain", "curvature", "force"] | None,
+        typer.Option(help="What colours say: of yarns fabric or strain, of strands group, strain, curvature or contact force."),
+    ] = None,
+    nodes: Annotated[bool, typer.Option(help="Show the nodes of yarns, on thin yarns.")] = False,
     detail: Annotated[
         Literal["auto", "fine", "region"], typer.Option(help="How much is drawn; a region is the one around --at.")
     ] = "fine",
@@ -40,7 +43,7 @@ def picture(
     if not (directory / "scene.json").exists():
         fail(f"{what}: neither a job's directory nor a job in {data}", EXIT_INVALID)
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # the browser opens connections and thinks better of it
-    shown = Shown(yarns=True, nodes=nodes, obstacles=True, paint=paint, level=detail, focus=at or (0.0, 0.0, 0.0))
+    shown = Shown(lines=True, nodes=nodes, obstacles=True, paint=paint, level=detail, focus=at or (0.0, 0.0, 0.0))
     try:
         said = draw(directory, frame, shown, View(*view, zoom, at), size, to)
     except (CannotDraw, SceneError, OSError, ValueError) as problem:

@@ -63,7 +63,7 @@ def frame(index: int) -> Frame:
         "residual": 10.0 ** (-5 - 0.1 * (index % 5)), "kinetic_energy": 1e-4 * index,
         "potential_energy": 1e-2 - 1e-4 * index, **{name: float(value) for name, value in count.items()},
     }  # fmt: skip
-    return Frame(index, index / 30, index * 33, YarnFrame(**observe.yarn_frame_arrays(model, state)), series)
+    return Frame(index, index / 30, index * 33, YarnFrame(**observe.yarn_frame_arrays(model, state)), series=series)
 
 
 def write_job(directory: Path, frames: int, state: str = "succeeded") -> None:
@@ -111,4 +111,4 @@ def write_large_job(directory: Path) -> None:
     directory.mkdir(parents=True)
     (directory / "scene.json").write_text(json.dumps(LARGE_SCENE))
     (directory / "job.json").write_text(json.dumps({"state": "succeeded"}))
-    write_frame(directory, Frame(0, 0.0, 0, large()[1], {}))
+    write_frame(directory, Frame(0, 0.0, 0, large()[1]))

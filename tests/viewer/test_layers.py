@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from engine.contact.obstacles import ObstacleKind, Obstacles, posed
+from engine.geometry.handles import no_handles
 from engine.run.frames import YarnFrame
-from engine.yarns.handles import no_handles
 from engine.yarns.model import NodeState, PointKind
 from tests.viewer import synthetic
 from viewer import layers

@@ -14,7 +14,7 @@ from PIL import Image
 from playwright.sync_api import Page, expect, sync_playwright
 
 from engine.run.frames import write_frame
-from tests.viewer import synthetic
+from tests.viewer import strands, synthetic
 from viewer.server import LiveViewer
 
 FLAGS = (
@@ -32,6 +32,8 @@ def data(tmp_path_factory) -> Path:
     synthetic.write_job(path / "cloths", FRAMES)
     synthetic.write_job(path / "running", 3, state="running")
     synthetic.write_large_job(path / "large")
+    strands.write_job(path / "tufts", 4)
+    strands.write_large_job(path / "hair")
     return path
 
 
@@ -149,6 +151,58 @@ def test_the_largest_cloth_is_drawn_coarser_and_that_is_said(page, viewer):
     green = (cloths[..., 1] > 1.2 * cloths[..., 0]) & (cloths[..., 1] > 1.1 * cloths[..., 2])
     yellow = (cloths[..., 0] > 1.2 * cloths[..., 2]) & (cloths[..., 1] > 1.1 * cloths[..., 2])
     assert green.mean() > 0.03 and yellow.mean() > 0.03, "both fabrics"
+
+
+def choose(page: Page, box: str, option: str) -> None:
+    page.get_by_role("combobox", name=box).click()
+    page.get_by_role("option", name=option, exact=True).click()
+
+
+def test_strands_are_drawn_in_the_colours_of_what_one_asks_for(page, viewer):
+    page.goto(url(viewer, "tufts"))
+    expect(page.get_by_text("two tufts by formula")).to_be_visible()
+    expect(page.get_by_text("shown all 1,152 segments")).to_be_visible()
+    expect(page.get_by_role("checkbox", name="Strands")).to_be_visible()
+    expect(page.get_by_role("checkbox", name="Nodes")).to_have_count(0)
+    groups = picture(page)
+    blue = groups[..., 2] > 1.3 * groups[..., 0]
+    brown = groups[..., 0] > 1.3 * groups[..., 2]
+    assert blue.mean() > 0.005 and brown.mean() > 0.005, "both tufts"
+
+    choose(page, "Colour by", "contact force")
+    expect(page.get_by_text("contact force, with 99% of the frame in this range")).to_be_visible()
+    forces = picture(page)
+    red = (forces[..., 0] > 1.5 * forces[..., 1]) & (forces[..., 0] > 1.5 * forces[..., 2])
+    assert red.sum() > 20, "what presses"
+    choose(page, "Colour by", "stretch strain")
+    expect(page.get_by_text("+2%")).to_be_visible()
+    assert share_changed(picture(page), forces) > 0.005
+
+    page.get_by_role("checkbox", name="Strands").click()
+    bare = picture(page)
+    assert not ((bare[..., 2] > 1.3 * bare[..., 0]).mean() > 0.005), "only the ball is left"
+
+
+def test_a_page_goes_from_strands_to_yarns_and_back(page, viewer):
+    page.goto(url(viewer, "tufts"))
+    expect(page.get_by_text("shown all 1,152 segments")).to_be_visible()
+    choose(page, "Job", "cloths")
+    expect(page.get_by_text("shown all 350 segments")).to_be_visible()
+    expect(page.get_by_role("checkbox", name="Yarns")).to_be_visible()
+    expect(page.get_by_role("checkbox", name="Nodes")).to_be_visible()
+    assert page.get_by_role("combobox", name="Colour by").input_value() == "fabric"
+    cloths = picture(page)
+    assert ((cloths[..., 1] > 1.2 * cloths[..., 0]) & (cloths[..., 1] > 1.1 * cloths[..., 2])).mean() > 0.01, "cloths only"
+    choose(page, "Job", "tufts")
+    expect(page.get_by_text("shown all 1,152 segments")).to_be_visible()
+    expect(page.get_by_role("checkbox", name="Nodes")).to_have_count(0)
+
+
+def test_a_head_of_hair_is_drawn_by_some_of_its_strands(page, viewer):
+    page.goto(url(viewer, "hair"))
+    expect(page.get_by_text("shown 19,995 of 480,000 segments; 1,333 of 32,000 strands")).to_be_visible()
+    hair = picture(page)
+    assert (hair[..., 0] > 1.2 * hair[..., 2]).mean() > 0.1, "a head of brown hair"
 
 
 def test_strangers_are_turned_away(viewer):

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from rerun.chunk import RrdReader
 
+from engine.run.frames import Frame
 from engine.scene.load import load_scene
-from tests.viewer import synthetic
+from tests.viewer import strands, synthetic
 from viewer.recording import Recorder, recording_parts
 
 # a run that is killed without warning in the middle of a frame that it has not flushed
@@ -81,6 +82,27 @@ def test_a_recording_holds_every_layer_of_every_frame(tmp_path):
         assert counted[f"/series/{key}"] == 4
     reader = RrdReader(tmp_path / "recording.rrd")
     assert len(reader.recordings()) == 1 and len(reader.blueprints()) == 1
+
+
+def test_a_recording_of_strands_has_them_by_group_and_in_every_paint(tmp_path):
+    recorder = Recorder(strands.scene(), tmp_path)
+    for index in range(4):
+        recorder.log(strands.frame(index))
+    recorder.close()
+    counted = rows(tmp_path / "recording.rrd")
+    assert counted["/strands"] == 4 + 1, "and one row of colours, static"
+    for entity in ("painted/strain", "painted/curvature", "painted/force", "key", "series/contacts"):
+        assert counted[f"/{entity}"] == 4
+    assert counted["/obstacles/0"] == 1
+    assert not any(name.startswith(("/cloth", "/nodes")) for name in counted)
+    assert len(RrdReader(tmp_path / "recording.rrd").blueprints()) == 1
+
+
+def test_a_recorded_head_of_hair_is_as_large_as_it_may_be(tmp_path):
+    recorder = Recorder(strands.scene(), tmp_path)
+    recorder.log(Frame(0, 0.0, 0, strands=strands.large()))
+    recorder.close()
+    assert (tmp_path / "recording.rrd").stat().st_size < 3e6
 
 
 def test_a_killed_run_leaves_all_flushed_frames(tmp_path):

@@ -3,7 +3,7 @@ import pytest
 
 from engine.contact.obstacles import ObstacleKind, Obstacles, posed
 from engine.contact.surface import Surface, packed, sampled
-from engine.yarns.handles import Handles
+from engine.geometry.handles import Handles
 from viewer.layers import Segments
 from viewer.shapes import box, cylinder, moves, obstacle_mesh, sphere, tubes
 

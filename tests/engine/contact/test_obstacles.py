@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from engine.contact import obstacles
 from engine.contact.obstacles import ObstacleKind, Obstacles, motion, posed
-from engine.yarns.handles import Handles, no_handles
+from engine.geometry.handles import Handles, no_handles
 
 DISTANCE, STIFFNESS, FRICTION = 0.1, 5.0, 0.4
 FLOOR = Obstacles(np.array([ObstacleKind.PLANE]), np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.array([FRICTION]))

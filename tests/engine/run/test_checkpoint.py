@@ -43,6 +43,32 @@ def test_other_arrays_are_refused(tmp_path, expected, said):
         read_checkpoint(tmp_path, "abc", expected)
 
 
+CONTACTS = {"key": np.array([3, 9, 11]), "force": np.ones((3, 3)), "x": np.zeros((5, 3))}
+VARYING = frozenset({"key", "force"})
+
+
+@pytest.mark.parametrize("rows", [0, 2, 3, 70])
+def test_arrays_that_vary_may_have_any_number_of_rows(tmp_path, rows):
+    now = CONTACTS | {"key": np.arange(rows), "force": np.full((rows, 3), 0.1)}
+    write_checkpoint(tmp_path, checkpoint(arrays=now))
+    read = read_checkpoint(tmp_path, "abc", CONTACTS, VARYING)
+    for name, values in now.items():
+        assert read.arrays[name].dtype == values.dtype and np.array_equal(read.arrays[name], values)
+
+
+@pytest.mark.parametrize("changes, said", [
+    ({"x": np.zeros((4, 3))}, r"x is float64\[4, 3\], not float64\[5, 3\]"),
+    ({"key": np.zeros(3)}, "key is float64"),
+    ({"key": np.arange(2)}, r"key is int64\[2\], not int64\[3\]"),
+    ({"force": np.zeros((3, 2))}, r"force is float64\[3, 2\], not float64\[3, 3\]"),
+    ({"force": np.array(1.0), "key": np.array(1)}, "force is float64"),
+])
+def test_arrays_that_vary_have_their_type_and_as_many_rows_as_each_other(tmp_path, changes, said):
+    write_checkpoint(tmp_path, checkpoint(arrays=CONTACTS | changes))
+    with pytest.raises(CheckpointMismatch, match=said):
+        read_checkpoint(tmp_path, "abc", CONTACTS, VARYING)
+
+
 def test_a_broken_file_is_refused(tmp_path):
     write_checkpoint(tmp_path, checkpoint())
     whole = checkpoint_path(tmp_path).read_bytes()

@@ -19,6 +19,10 @@ process.kill()
 print("started", process.args[-1])
 process.wait()
 print("not wanted" if compile_ahead(scene, threads=1) is None else "started")
+strand = {"name": "one", "material": "nylon", "curves": [[[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0]]]}
+nylon = {"radius": 1e-3, "volume_density": 1150.0, "youngs_modulus": 2e9}
+strands = {"strandline": 1, "name": "one strand", "duration": 0.1, "materials": {"nylon": nylon}, "strands": [strand]}
+print("not for strands" if compile_ahead(load_scene(strands)) is None else "started")
 (cache / "kernel.nbi").touch()
 print("started" if compile_ahead(scene) else "not needed")
 """
@@ -66,4 +70,4 @@ def test_what_is_compiled_ahead_is_what_a_step_calls():
 def test_the_process_is_started_for_an_empty_cache_only(tmp_path: Path):
     ran = subprocess.run([sys.executable, "-c", STARTS], capture_output=True, text=True, timeout=120,
                          env={**os.environ, "STRANDLINE_CACHE_DIR": str(tmp_path)}, check=True)
-    assert ran.stdout.split("\n")[:3] == ["started float64", "not wanted", "not needed"]
+    assert ran.stdout.split("\n")[:4] == ["started float64", "not wanted", "not for strands", "not needed"]

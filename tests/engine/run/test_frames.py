@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from engine.run.files import ASIDE
-from engine.run.frames import Frame, YarnFrame, drop_frames, frame_path, frame_paths, read_frame, write_frame
+from engine.run.frames import Frame, StrandFrame, YarnFrame, drop_frames, frame_path, frame_paths, read_frame, write_frame
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -25,14 +25,24 @@ def example_frame(index: int = 3) -> Frame:
         radius=np.array([1e-3, 2e-3]), fabric=np.array([-1, 0]), node_positions=rng.normal(size=(5, 3)),
         node_states=np.arange(5, dtype=np.uint8) % 4, node_points=np.arange(5), u=rng.normal(size=8),
     )
-    return Frame(index, index / 30, 17 * index, yarns, {"dt": 1e-3, "residual": 0.25})
+    return Frame(index, index / 30, 17 * index, yarns, series={"dt": 1e-3, "residual": 0.25})
+
+
+def example_strands() -> StrandFrame:
+    rng = np.random.default_rng(0)
+    return StrandFrame(
+        rng.normal(size=(7, 3)).astype(np.float32), np.array([0, 3, 7]), np.full(7, 4e-5, np.float32), np.array([0, 1]),
+        *rng.normal(size=(3, 7)).astype(np.float32),
+    )
 
 
 def assert_same(a: Frame, b: Frame) -> None:
     assert (a.index, a.time, a.step, a.series) == (b.index, b.time, b.step, b.series)
-    for name, values in vars(a.yarns).items():
-        read = getattr(b.yarns, name)
-        assert read.dtype == values.dtype and np.array_equal(read, values), name
+    for mine, other in ((a.yarns, b.yarns), (a.strands, b.strands)):
+        assert (mine is None) == (other is None)
+        for name, values in vars(mine).items() if mine is not None else ():
+            read = getattr(other, name)
+            assert read.dtype == values.dtype and np.array_equal(read, values), name
 
 
 def test_a_frame_is_read_as_it_was_written(tmp_path):
@@ -40,8 +50,15 @@ def test_a_frame_is_read_as_it_was_written(tmp_path):
     assert_same(frame, read_frame(write_frame(tmp_path, frame)))
 
 
-def test_a_frame_without_yarns_has_none(tmp_path):
-    assert read_frame(write_frame(tmp_path, replace(example_frame(), yarns=None))).yarns is None
+@pytest.mark.parametrize("without", [{}, {"yarns": None}])
+def test_a_frame_with_strands_is_read_as_it_was_written(tmp_path, without):
+    frame = replace(example_frame(), strands=example_strands(), **without)
+    assert_same(frame, read_frame(write_frame(tmp_path, frame)))
+
+
+def test_a_frame_without_yarns_or_strands_has_none(tmp_path):
+    read = read_frame(write_frame(tmp_path, replace(example_frame(), yarns=None)))
+    assert read.yarns is None and read.strands is None
 
 
 def test_equal_frames_are_equal_files(tmp_path):

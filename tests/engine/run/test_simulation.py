@@ -27,8 +27,9 @@ def scene(**changes):
 class Spring:
     """x'' = -400 x, implicit Euler; steps above `largest(time)` are rejected."""
 
-    report_keys = frozenset({"contact_gap_max"})
+    report_keys = frozenset({"contact_gap_max", "linear_iterations"})
     nodes = 2
+    varying = frozenset()
 
     def __init__(self, largest=lambda time: np.inf):
         self.largest, self.taken = largest, []
@@ -58,8 +59,8 @@ class Spring:
     def invariants(self, time, energies):
         return Invariants(kinetic_energy=energies["kinetic"], potential_energy=energies["potential"])
 
-    def yarn_frame(self):
-        return None
+    def components(self):
+        return {}
 
     def half_step_errors(self, before, time, h):
         return {"x": float(np.max(np.abs(before["spring.x"] - self.x)))}

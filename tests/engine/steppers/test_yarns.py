@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.geometry.handles import Handles, no_handles
 from engine.steppers.yarns import YarnStepper
 from engine.yarns import observe
 from engine.yarns.assembly import YarnAssembly
-from engine.yarns.handles import Handles, no_handles
 from engine.yarns.model import PointKind
 from engine.yarns.settings import YarnSettings
 from tests.engine.yarns.stacks import GRAVITY, MATERIAL, NO_OBSTACLES, UP, free_weaves, perturbed, random_stack, straight_yarn

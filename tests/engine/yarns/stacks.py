@@ -10,10 +10,10 @@ from engine.arrays import Floats, Ints
 from engine.contact.collisions import CollisionPairs
 from engine.contact.obstacles import ObstacleKind, Obstacles, motion
 from engine.contact.surface import Surface, packed, sampled
+from engine.geometry.handles import no_handles
 from engine.linalg.block_matrix import BLOCK
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
-from engine.yarns.handles import no_handles
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import Chain, chain_of, standing

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from engine.geometry.handles import Handles, no_handles
 from engine.yarns.assembly import YarnAssembly
-from engine.yarns.handles import Handles, no_handles
 from engine.yarns.model import PointKind
 from tests.engine.yarns.stacks import MATERIAL, UP, random_stack
 

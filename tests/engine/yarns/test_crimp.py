@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from engine.geometry.handles import no_handles
 from engine.steppers.yarns import YarnStepper
 from engine.yarns import observe
 from engine.yarns.assembly import YarnAssembly
 from engine.yarns.crimp import centre_lines
-from engine.yarns.handles import no_handles
 from engine.yarns.model import PointKind
 from engine.yarns.settings import YarnSettings
 from tests.engine.yarns.stacks import MATERIAL, NO_OBSTACLES, UP, random_stack

@@ -6,11 +6,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from engine.geometry.handles import no_handles
 from engine.steppers import incremental_potential
 from engine.steppers.incremental_potential import IncrementalPotential
 from engine.steppers.yarns import YarnStepper
 from engine.yarns.assembly import YarnAssembly
-from engine.yarns.handles import no_handles
 from engine.yarns.leverage import ENOUGH, LEAST
 from engine.yarns.model import PointKind
 from engine.yarns.settings import YarnSettings

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.geometry.handles import Handles
 from engine.steppers.yarns import YarnStepper
 from engine.yarns import parallel_contact
 from engine.yarns.assembly import YarnAssembly
-from engine.yarns.handles import Handles
 from engine.yarns.model import PointKind
 from engine.yarns.settings import YarnSettings
 from engine.yarns.topology import chain_of

@@ -1,0 +1,138 @@
+"""All contacts of linear strands at once: kernels against dense algebra, solutions against Coulomb's law itself."""
+
+import numpy as np
+import pytest
+
+from engine.contact import augmented_lagrangian as al
+from engine.validate.contact_cone import random_problem, residual, solutions, solved
+from tests.engine.contact.test_contact_problem import linear, strand_of
+
+SEEDS = range(5)
+
+
+def prepared(seed: int):
+    """A problem with its kernels' arguments: stiffness, limits, forces and slopes of contacts at a random step."""
+    problem, rng = random_problem(seed), np.random.default_rng(seed)
+    made, number = linear(problem), len(problem.pull)
+    stiffness, limit = np.exp(rng.normal(size=(number, 3))), rng.uniform(0.1, 2.0, number)
+    force, start = rng.normal(size=(number, 3)), rng.normal(size=(number, 3))
+    step = np.where(problem.strands.held, 0.0, rng.normal(size=problem.strands.held.shape))
+    return problem, made, stiffness, limit, force, start, step
+
+
+def evaluated(problem, made, stiffness, limit, force, start, step):
+    """The potential, what is left over, and the slopes of forces."""
+    w, r, slope = np.empty_like(force), np.empty_like(force), np.empty((len(force), 4))
+    residual_ = np.zeros_like(step)
+    value = al.evaluate(problem.strands, made, stiffness, limit, force, start, step, w, r, slope, residual_)
+    return value, residual_, slope
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_is_left_over_is_minus_the_slope_of_the_potential(seed):
+    problem, made, *numbers, step = prepared(seed)
+    touched = np.isin(strand_of(problem), made.strand)
+    free = np.argwhere(~problem.strands.held & touched[:, None])
+    _, found, _ = evaluated(problem, made, *numbers, step)
+    width, rng = 1e-6, np.random.default_rng(0)
+    for v, k in rng.permutation(free)[:15]:
+        d = np.zeros_like(step)
+        d[v, k] = width
+        after, before = (evaluated(problem, made, *numbers, there)[0] for there in (step + d, step - d))
+        assert -found[v, k] == pytest.approx((after - before) / (2 * width), rel=1e-4, abs=1e-5 * np.abs(found).max())
+    assert not found[problem.strands.held & touched[:, None]].any()
+
+
+def dense(problem, made, slope):
+    """The Hessian of strands with their contacts; those without contacts have the identity."""
+    full = problem.hessian.copy()
+    jacobian = np.einsum("cij,cju->ciu", made.frame, problem.jacobian)
+    for rows, (along, first, mixed, second) in zip(jacobian, slope, strict=True):
+        full += rows.T @ np.array([[along, 0, 0], [0, first, mixed], [0, mixed, second]]) @ rows
+    return full
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_conjugate_gradients_solve_what_dense_algebra_solves(seed, monkeypatch):
+    problem, made, *numbers, step = prepared(seed)
+    _, b, slope = evaluated(problem, made, *numbers, step)
+    factor, x = np.empty_like(problem.strands.band), np.zeros_like(step)
+    assert al.precondition(problem.strands, made, slope, factor)
+    al.conjugate_gradients(problem.strands, made, slope, factor, b, x)
+    full = dense(problem, made, slope)
+    wanted, found = np.linalg.solve(full, b.reshape(-1)), x.reshape(-1)
+    off = found - wanted
+    # in the energy of the matrix, about what is asked for
+    assert off @ full @ off <= (3 * al.INEXACT) ** 2 * (wanted @ full @ wanted)
+
+
+def test_for_one_strand_on_solids_the_preconditioner_is_exact():
+    seen = 0
+    for seed in range(60):
+        problem = random_problem(seed)
+        if (problem.contacts.edge[:, 1] < 0).all():
+            problem, made, *numbers, step = prepared(seed)
+            _, b, slope = evaluated(problem, made, *numbers, step)
+            factor, x = np.empty_like(problem.strands.band), np.zeros_like(step)
+            al.precondition(problem.strands, made, slope, factor)
+            assert al.conjugate_gradients(problem.strands, made, slope, factor, b, x) <= 1
+            wanted = np.linalg.solve(dense(problem, made, slope), b.reshape(-1))
+            np.testing.assert_allclose(x.reshape(-1), wanted, rtol=1e-6, atol=1e-9)
+            seen += 1
+    assert seen > 5
+
+
+def beside_held(problem) -> bool:
+    """Whether a contact is on an edge that begins at a held vertex."""
+    edge = problem.contacts.edge
+    return bool(problem.strands.held[edge[edge >= 0], 0].any())
+
+
+@pytest.mark.parametrize("beside", [
+    False, pytest.param(True, marks=pytest.mark.xfail(strict=True, reason="contacts beside held vertices are not stiff enough")),
+], ids=["amid strands", "beside what is held"])
+def test_solutions_keep_coulombs_law(beside):
+    """Regular and shifted ones."""
+    for seed, problem in enumerate(map(random_problem, range(60))):
+        if beside_held(problem) == beside:
+            assert residual(problem, solved(problem, 1e-10)) <= 1e-8, seed
+
+
+def test_the_judge_knows_what_is_not_lawful():
+    rng = np.random.default_rng(0)
+    for seed in range(10):
+        problem = random_problem(seed)
+        force = solved(problem, 1e-10)
+        assert residual(problem, force) <= 1e-8
+        assert residual(problem, force + max(0.1 * np.abs(force).max(), 0.1) * rng.normal(size=force.shape)) > 1e-3
+        assert residual(problem, 0 * force) > 1e-3 or not force.any()
+
+
+def test_a_single_contact_has_one_of_the_solutions_that_there_are():
+    single = [p for p in map(random_problem, range(100)) if len(p.pull) == 1]
+    sorts = set()
+    for problem in single:
+        force, candidates = solved(problem, 1e-10)[0], solutions(problem)
+        assert len(candidates)
+        assert np.abs(candidates - force).max(axis=1).min() <= 1e-6 * max(1.0, np.abs(force).max())
+        sorts.add((bool(force.any()), problem.pull[0] > 0.0))
+    assert len(sorts) >= 3 and len(single) > 10
+
+
+def test_what_it_tells_is_what_it_did():
+    problem = random_problem(0)
+    made, force = linear(problem), problem.contacts.force.copy()
+    answer = al.solve(problem.strands, made, problem.moved, force, 1e-8, 500)
+    assert answer.error <= 1e-8 and 0 < answer.rounds <= answer.newton <= answer.linear
+    jacobian = np.einsum("cij,cju->ciu", made.frame, problem.jacobian)
+    load = np.einsum("ciu,ci->u", jacobian, force)
+    there = np.linalg.solve(problem.hessian, load - problem.strands.gradient.reshape(-1))
+    touched = np.isin(strand_of(problem), made.strand).repeat(4)
+    np.testing.assert_allclose(answer.step.reshape(-1)[touched], there[touched], atol=1e-6 * np.abs(there).max())
+
+
+def test_rounds_end_where_they_must():
+    problem = next(p for p in map(random_problem, range(50)) if len(p.pull) >= 4)
+    force = problem.contacts.force.copy()
+    answer = al.solve(problem.strands, linear(problem), problem.moved, force, 1e-12, 2)
+    assert answer.rounds == 2 and answer.error > 1e-12
