@@ -20,7 +20,7 @@ from engine.contact.contact_problem import ContactProblem, align, relative, stif
 from engine.linalg import banded
 
 NEWTON = 30  # iterations in a round
-WHOLE = 5  # rounds in which limits of friction change as they should; then they go half of the way, so as not to swing
+FREE = 5  # rounds, after which limits of friction that swing are damped
 INEXACT = 0.03  # residual of conjugate gradients, over that at their start
 MOST = 200  # iterations of conjugate gradients
 CLOSE = 0.1  # of the tolerance, that no vertex is to move by in a further iteration
@@ -65,28 +65,36 @@ def respond(problem, stiffness, limit, c, force, w, r, slope):
 
 
 @njit(cache=True, error_model="numpy")
-def update_limits(problem, stiffness, w, force, limit, share):
-    """Bring the limits of friction [C] by a `share` of the way to those of contacts with `force` at w [C, 3]."""
+def update_limits(problem, stiffness, w, force, limit, change, damped):
+    """Write the limits of friction [C] of contacts with `force` at w [C, 3], and their `change` [C].
+
+    Where that is `damped` and goes back on the one before, it is half of what it would be, so that no limit swings for ever.
+    """
     for c in range(len(limit)):
         k, r = stiffness[c, 0], force[c, 0]
         wanted = friction_limit(r, r - k * w[c, 0], k, problem.gap[c], problem.friction[c], problem.pull[c])
-        limit[c] += share * (wanted - limit[c])
+        share = 0.5 if damped and (wanted - limit[c]) * change[c] < 0.0 else 1.0
+        change[c] = share * (wanted - limit[c])
+        limit[c] += change[c]
 
 
 @njit(cache=True, error_model="numpy")
 def law_error(problem, stiffness, w, force):
-    """Return what w and `force` [C, 3] miss of Coulomb's law at most: w in distances of touch, the force in parts of it."""
+    """Return what w and `force` [C, 3] miss of Coulomb's law at most: w in distances of touch, friction in parts of the force.
+
+    Small friction may miss more, as long as that does not move the masses at the contact by as much of the distance of touch.
+    """
     r, slope, limit, largest, part = np.empty(3), np.empty(4), np.zeros(len(force)), 0.0, 0.0
-    update_limits(problem, stiffness, w, force, limit, 1.0)
+    update_limits(problem, stiffness, w, force, limit, np.zeros(len(force)), False)
     for c in range(len(force)):
         respond(problem, stiffness, limit, c, force[c], w[c], r, slope)
         off = whole = 0.0
         for j in range(3):
             largest = max(largest, abs(r[j] - force[c, j]) / (stiffness[c, j] * problem.touch[c]))
-            off += (r[j] - force[c, j]) ** 2
+            off += (r[j] - force[c, j]) ** 2 if j > 0 else 0.0
             whole += max(r[j] ** 2, force[c, j] ** 2)
         if off > 0.0:
-            part = max(part, np.sqrt(off / whole))
+            part = max(part, np.sqrt(off) * min(1.0 / np.sqrt(whole), problem.yielding[c] / problem.touch[c]))
     return largest, part
 
 
@@ -115,7 +123,7 @@ def solve(
     force[:] = np.einsum("cij,cj->ci", problem.frame, force)
     step, direction, residual = (np.zeros(strands.gradient.shape) for _ in range(3))
     w, r, slope = np.empty((len(force), 3)), np.empty((len(force), 3)), np.empty((len(force), 4))
-    start, limit = np.empty_like(w), np.zeros(len(force))
+    start, limit, change = np.empty_like(w), np.zeros(len(force)), np.zeros(len(force))
     factor, goal = np.empty_like(strands.band), CLOSE * tolerance * problem.touch.min()
     displacements(problem, moved, start)
     last, rounds, newton, linear = step, 0, 0, 0
@@ -123,7 +131,7 @@ def solve(
     while rounds < most:
         if penalty is None:
             stiffen(problem, stiffest, force, tolerance, stiffness)
-        update_limits(problem, stiffness, start + _by(problem, step), force, limit, 1.0 if rounds < WHOLE else 0.5)
+        update_limits(problem, stiffness, start + _by(problem, step), force, limit, change, rounds >= FREE)
         value = evaluate(strands, problem, stiffness, limit, force, start, step, w, r, slope, residual)
         for _ in range(NEWTON):
             if not precondition(strands, problem, slope, factor):

@@ -69,8 +69,8 @@ def align(problem, band, held):
     """Turn the frames so that contacts are softest in one direction across the normal; returns their largest stiffness [C, 3].
 
     It is, in N/m, in proportion to that of their strands, whose Hessians are `band` [4V, w+1], where all but one vertex is held
-    at a time, and what is `held` [V, 4]. What vertices yield adds up: strands that cross are soft along each other, for neither can
-    hold the other.
+    at a time, and what is `held` [V, 4]. What vertices yield adds up: strands that cross are soft along each other, for neither
+    can hold the other.
     """
     stiffness, soft = np.empty((len(problem.gap), 3)), np.empty((3, 3))
     for c in range(len(problem.gap)):
