@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from engine.contact import augmented_lagrangian as al
+from engine.contact.cones import friction_limit
 from engine.validate.contact_cone import random_problem, residual, solutions, solved
 from tests.engine.contact.test_contact_problem import linear, strand_of
 
@@ -88,9 +89,7 @@ def beside_held(problem) -> bool:
     return bool(problem.strands.held[edge[edge >= 0], 0].any())
 
 
-@pytest.mark.parametrize("beside", [
-    False, pytest.param(True, marks=pytest.mark.xfail(strict=True, reason="contacts beside held vertices are not stiff enough")),
-], ids=["amid strands", "beside what is held"])
+@pytest.mark.parametrize("beside", [False, True], ids=["amid strands", "beside what is held"])
 def test_solutions_keep_coulombs_law(beside):
     """Regular and shifted ones."""
     for seed, problem in enumerate(map(random_problem, range(60))):
@@ -129,6 +128,33 @@ def test_what_it_tells_is_what_it_did():
     there = np.linalg.solve(problem.hessian, load - problem.strands.gradient.reshape(-1))
     touched = np.isin(strand_of(problem), made.strand).repeat(4)
     np.testing.assert_allclose(answer.step.reshape(-1)[touched], there[touched], atol=1e-6 * np.abs(there).max())
+
+
+def test_limits_of_friction_are_those_of_the_law_and_half_of_it_where_they_swing_back():
+    problem = next(p for p in map(random_problem, range(50)) if len(p.pull) >= 4)
+    made, rng = linear(problem), np.random.default_rng(3)
+    stiffness, w, force = (np.exp(rng.normal(size=(len(problem.pull), 3))) for _ in range(3))
+    start, before = rng.uniform(0.1, 2.0, len(force)), rng.normal(size=len(force))
+    wanted = np.array([
+        friction_limit(r, r - k * along, k, *law)
+        for r, k, along, *law in zip(
+            force[:, 0], stiffness[:, 0], w[:, 0], made.gap, made.friction, made.pull, strict=True)])
+    swings = (wanted - start) * before < 0.0
+    assert swings.any() and not swings.all()
+    for damped, share in ((False, 1.0), (True, np.where(swings, 0.5, 1.0))):
+        limit, change = start.copy(), before.copy()
+        al.update_limits(made, stiffness, w, force, limit, change, damped)
+        np.testing.assert_allclose(limit, start + share * (wanted - start))
+        np.testing.assert_allclose(change, share * (wanted - start))
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_sums_are_in_order(size):
+    values = np.random.default_rng(size).normal(size=size) * 10.0 ** np.random.default_rng(1).uniform(-8, 8, size)
+    total = 0.0
+    for value in values:
+        total += value
+    assert al.in_order(values) == total
 
 
 def test_rounds_end_where_they_must():

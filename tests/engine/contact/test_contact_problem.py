@@ -5,7 +5,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from engine.contact.contact_problem import STIFF, ContactProblem, align, contact_problem, relative, springs_of, stiffen
+from engine.contact.contact_problem import (
+    RIGID,
+    STIFF,
+    ContactProblem,
+    _softness,
+    align,
+    contact_problem,
+    relative,
+    springs_of,
+    stiffen,
+)
 from engine.strands import springs
 from engine.validate.contact_cone import Problem, random_problem
 
@@ -53,7 +63,8 @@ def test_aligned_frames_keep_their_normals_and_stiffness_is_in_proportion(seed):
     problem = random_problem(seed)
     made, harder = linear(problem), linear(problem)
     before = made.frame.copy()
-    stiffness, of_harder = align(made, problem.strands.band), align(harder, 100.0 * problem.strands.band)
+    held = problem.strands.held
+    stiffness, of_harder = align(made, problem.strands.band, held), align(harder, 100.0 * problem.strands.band, held)
     np.testing.assert_allclose(of_harder, 100.0 * stiffness, rtol=1e-9)
     np.testing.assert_allclose(made.frame, harder.frame, atol=1e-9)
     np.testing.assert_allclose(made.frame[:, 0], before[:, 0])
@@ -63,25 +74,72 @@ def test_aligned_frames_keep_their_normals_and_stiffness_is_in_proportion(seed):
     assert (stiffness > 0.0).all() and (stiffness[:, 1] <= stiffness[:, 2] * (1 + 1e-12)).all()
 
 
-def one_contact(share: float, held: bool) -> tuple[ContactProblem, np.ndarray, float]:
-    """A contact on an edge of two vertices that are masses of their own, one of which may be held, and what it yields [m/N]."""
+def softness(problem: Problem, made: ContactProblem, band=None):
+    """What each contact yields in its frame, shape [C, 3, 3] [m/N]."""
+    found = np.empty((len(made.gap), 3, 3))
+    for c in range(len(found)):
+        _softness(made, problem.strands.band if band is None else band, problem.strands.held, c, found[c])
+    return found
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_vertices_yield_one_by_one_adds_up(seed):
+    """Against inverses of the blocks of free directions of each vertex."""
+    problem = random_problem(seed)
+    made, hessian = linear(problem), problem.hessian
+    wanted = np.zeros((len(made.gap), 3, 3))
+    for c, e in np.argwhere(made.weight != 0.0):
+        v = made.vertex[c, e]
+        free = np.flatnonzero(~problem.strands.held[v, :3])
+        block = np.ix_(4 * v + free, 4 * v + free)
+        across = made.frame[c][:, free]
+        wanted[c] += made.weight[c, e] ** 2 * across @ np.linalg.inv(hessian[block]) @ across.T
+    np.testing.assert_allclose(softness(problem, made), wanted, rtol=1e-6, atol=1e-9 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_stiffness_is_over_what_yields_least_and_most_across_the_normal(seed):
+    problem = random_problem(seed)
+    made = linear(problem)
+    stiffness = align(made, problem.strands.band, problem.strands.held)
+    for soft, (along, first, second) in zip(softness(problem, made), stiffness, strict=True):
+        least, most = np.linalg.eigvalsh(soft[1:, 1:])
+        np.testing.assert_allclose([along * soft[0, 0], first * most, second * least], STIFF, rtol=1e-5)
+        np.testing.assert_allclose(soft[1, 2], 0.0, atol=1e-6 * most)
+
+
+def one_contact(share: float, held) -> tuple[Problem, ContactProblem, np.ndarray]:
+    """A contact on an edge of two masses, what is held of the first of which is told."""
     problem = next(p for p in map(random_problem, range(100)) if len(p.pull) == 1 and p.contacts.edge[0, 1] < 0)
     own = problem.contacts._replace(edge=np.array([[0, -1]]), share=np.array([[share, 0.0]]))
-    stiffness = np.array([1.0 if held else 400.0, 400.0])
+    flags = np.zeros((2, 4), np.bool_)
+    flags[0, :3] = held
     band = np.zeros((8, 11))
-    band[:, 0] = np.repeat(stiffness, 4)
+    band[:, 0] = np.where(flags, 1.0, 400.0).reshape(-1)
     made = contact_problem(own, np.zeros(2, np.int64), np.zeros(1), np.full(2, 1e-2))
-    return made, band, (0.0 if held else (1.0 - share) ** 2 / 400.0) + share**2 / 400.0
+    return problem._replace(strands=problem.strands._replace(held=flags, band=band)), made, band
 
 
-@pytest.mark.parametrize(("share", "held"), [
-    (0.0, False), (0.5, False), (0.9, False), (1.0, True),
-    pytest.param(0.5, True, marks=pytest.mark.xfail(strict=True, reason="stiffnesses are weighed where what yields adds up")),
-    pytest.param(0.05, True, marks=pytest.mark.xfail(strict=True, reason="stiffnesses are weighed where what yields adds up")),
-])
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.9, 1.0])
 def test_stiffness_is_in_proportion_to_what_the_contact_yields(share, held):
-    made, band, yields = one_contact(share, held)
-    assert STIFF / 4.1 <= align(made, band)[0, 0] * yields <= STIFF * 4.1
+    problem, made, band = one_contact(share, held)
+    yields = (0.0 if held else (1.0 - share) ** 2 / 400.0) + share**2 / 400.0
+    np.testing.assert_allclose(align(made, band, problem.strands.held)[0] * yields, STIFF)
+
+
+def test_a_vertex_held_in_one_direction_yields_in_the_others():
+    problem, made, band = one_contact(0.5, [True, False, False])
+    in_space = made.frame[0].T @ softness(problem, made, band)[0] @ made.frame[0]
+    np.testing.assert_allclose(in_space, np.diag([0.25, 0.5, 0.5]) / 400.0, atol=2.0 / (RIGID * 400.0))
+
+
+def test_what_does_not_yield_is_as_stiff_as_stiffness_goes():
+    problem, made, band = one_contact(0.0, True)
+    most, stiffness, force = align(made, band, problem.strands.held), np.zeros((1, 3)), np.zeros((1, 3))
+    assert (most == np.inf).all() and np.isfinite(made.frame).all()
+    stiffen(made, most, force, 1e-3, stiffness)
+    np.testing.assert_allclose(stiffness, STIFF / made.yielding[0])
 
 
 def test_contacts_are_as_stiff_as_their_force_needs_and_never_softer_than_before():
