@@ -33,8 +33,8 @@ def find(pairs, x, motion, radius, near, strand, along, known):
         met = np.searchsorted(known, key + 1) - np.searchsorted(known, key)
         if met == 0 and distance <= near[a] + near[b]:
             met = 1
+            s, t = _middle(x, a, b, s, t, distance + LEVEL * touch)
             if not (_is_next(s, a, strand) or _is_next(t, b, strand)):
-                s, t = _middle(x, a, b, s, t, distance + LEVEL * touch)
                 edge[count, 0], edge[count, 1], share[count, 0], share[count, 1] = a, b, s, t
                 time[count], before[count] = 0.0, distance
                 count += 1

@@ -1,18 +1,19 @@
 """Where strands are near a solid at the start of a step, or come to touch it in it: at vertices, and within edges over a bulge.
 
-Positions and motions are relative to the solid. A distance falls by no more than what a place moves, so that time may go on by
-the distance that is left over the speed and nothing is passed over.
+Positions and motions are relative to the solid. A distance falls by no more than what a place moves, or a little faster where it
+is sampled, so that time may go on by the distance that is left over the speed and nothing is passed over.
 """
 
 import numpy as np
 from numba import njit
 
-from engine.geometry.solids import distance_to
+from engine.geometry.solids import SAMPLED, distance_to
 
 DEEP = 0.5  # of the distance at the start, or at which they touch: a place in contact that comes nearer passes through
 CLOSE = 0.01  # of the radius, within which a distance is reached
 ADVANCES = 200  # after which what grazes a solid counts as near
 BULGE = 0.01  # of the radius, by which a place within an edge is nearer than its ends if it is in contact of its own
+STEEP = np.sqrt(2.0)  # slope of a sampled distance at most, beyond its grid
 GOLDEN = 0.6180339887498949
 NARROWINGS = 24  # of the part of an edge that holds the place nearest to a solid, to 1e-5 of it
 
@@ -27,6 +28,7 @@ def at_vertices(solids, o, x, motion, radius, near, known):
     vertex, time, normal = np.empty(2 * len(x), np.int64), np.empty(2 * len(x)), np.empty((2 * len(x), 3))
     there, before, count = np.empty(2 * len(x)), np.empty(2 * len(x)), 0
     outward, place = np.empty(3), np.empty(3)
+    slope = STEEP if solids.kind[o] == SAMPLED else 1.0
     for v in range(len(x)):
         distance = distance_to(solids, o, x[v], outward)
         met = known[v]
@@ -36,7 +38,7 @@ def at_vertices(solids, o, x, motion, radius, near, known):
             _unit(outward, normal[count])
             count += 1
         limit = radius[v] if met == 0 else DEEP * min(distance, radius[v])
-        speed, when, now = np.sqrt(motion[v, 0] ** 2 + motion[v, 1] ** 2 + motion[v, 2] ** 2), 0.0, distance
+        speed, when, now = slope * np.sqrt(motion[v, 0] ** 2 + motion[v, 1] ** 2 + motion[v, 2] ** 2), 0.0, distance
         for _ in range(ADVANCES):
             if now - limit <= CLOSE * radius[v] or now - limit >= (1.0 - when) * speed:
                 break
@@ -58,15 +60,16 @@ def within_edges(solids, o, x, motion, radius, near, edges, known):
     time, normal = np.empty(2 * len(edges)), np.empty((2 * len(edges), 3))
     there, before, count = np.empty(2 * len(edges)), np.empty(2 * len(edges)), 0
     outward, ends = np.empty(3), np.empty((2, 3))
+    slope = STEEP if solids.kind[o] == SAMPLED else 1.0
     for v in edges:
         speed, length = 0.0, 0.0
         for k in range(3):
             length += (x[v + 1, k] - x[v, k]) ** 2
         for e in range(2):
             speed = max(speed, motion[v + e, 0] ** 2 + motion[v + e, 1] ** 2 + motion[v + e, 2] ** 2)
-        speed = np.sqrt(speed)
+        speed = slope * np.sqrt(speed)
         ends[:] = x[v : v + 2]
-        if distance_to(solids, o, 0.5 * (ends[0] + ends[1]), outward) > near[v] + speed + 0.5 * np.sqrt(length):
+        if distance_to(solids, o, 0.5 * (ends[0] + ends[1]), outward) > near[v] + speed + 0.5 * slope * np.sqrt(length):
             continue
         s, distance, bulge = _nearest(solids, o, ends, outward)
         met = known[v]

@@ -22,6 +22,7 @@ from engine.strands.model import StrandModel, StrandState
 from engine.strands.settings import StrandSettings
 from engine.strands.springs import Springs, no_springs
 
+CROSSING = 0.5  # cosine between edges below which they cross, and do not lie side by side
 INNER = 0.1  # of the tolerance of contact, to which Gauss-Seidel goes
 
 
@@ -128,7 +129,11 @@ class StrandStepper:
         pull = np.zeros(len(contacts.edge))
         if self.settings.cohesion > 0.0:
             strands = contacts.edge[:, 1] >= 0
-            length = np.maximum(length_beside(x, contacts.edge[strands]), contacts.touch[strands])
+            edge = contacts.edge[strands]
+            length = length_beside(x, edge)
+            along = (x[edge + 1] - x[edge]) / np.linalg.norm(x[edge + 1] - x[edge], axis=2)[:, :, None]
+            cross = np.abs(np.einsum("ck,ck->c", along[:, 0], along[:, 1])) < CROSSING
+            length[cross] = np.maximum(length, contacts.touch[strands])[cross]
             pull[strands] = self.settings.cohesion * length
         return pull
 

@@ -14,7 +14,7 @@ RADIUS, LENGTH, SEGMENTS = 5e-5, 0.02, 20  # [m], [m]
 HAIR = StrandMaterial(density=1300.0, young=3e9, shear=1e9)
 COHESION = 0.01  # [N/m]
 REACH = 0.1 * RADIUS  # of cohesion [m]
-STEP = 1e-3  # in which the pull grows by an increment [s]
+STEP, STEPS = 1e-3, 5  # in which the pull stays, so that a small excess of it moves strands out of reach [s]
 INCREMENTS = (0.11, 0.033, 0.011)  # over what holds; none of them has a multiple of 1
 
 
@@ -26,16 +26,17 @@ def adhesion(quick: bool) -> CaseResult:
 
 
 def parting_pull(increment: float) -> float:
-    """Return the pull, over cohesion times length, after whose step the strands are out of reach of each other."""
+    """Return the pull, over cohesion times length, under which strands come out of reach of each other somewhere."""
     model, state = pair()
     stepper = StrandStepper(model, np.zeros(3), StrandSettings(cohesion=COHESION, cohesion_reach=REACH))
     pull = 0.0
     while pull < 2.0:
         pull += increment
-        report = stepper.step(state, STEP, StrandLoads(force=pull * COHESION * evenly(model)))
-        if not report.accepted:
-            raise RuntimeError(report.reason)
-        if distances(state).min() > 2.0 * RADIUS + REACH:
+        for _ in range(STEPS):
+            report = stepper.step(state, STEP, StrandLoads(force=pull * COHESION * evenly(model)))
+            if not report.accepted:
+                raise RuntimeError(report.reason)
+        if distances(state).max() > 2.0 * RADIUS + REACH:
             return pull
     raise RuntimeError("the strands do not part")
 

@@ -61,8 +61,9 @@ def test_no_place_comes_into_a_solid_without_a_contact_beside_it(kind, moves, se
     edge, share, *within = within_edges(moved.end, 0, there, way, radius, 1.05 * radius, edges, NONE_KNOWN)
     least = samples(moved.end, there, way).min(axis=0)  # of every place on its way
     at_ends = np.append(least[0], least[-1, -1])
-    assert set(np.flatnonzero(at_ends < 0.99 * RADIUS)) <= set(vertex)
-    for e in np.flatnonzero(least.min(axis=0) < 0.9 * RADIUS):
+    seen = in_grid(moved.end, there) if kind == ObstacleKind.MESH else np.ones(VERTICES, np.bool_)
+    assert set(np.flatnonzero((at_ends < 0.99 * RADIUS) & seen)) <= set(vertex)
+    for e in np.flatnonzero((least.min(axis=0) < 0.9 * RADIUS) & seen[:-1] & seen[1:]):
         assert {e, e + 1} & set(vertex) or e in edge
     for v, t, n, d, b in zip(vertex, time, normal, distance, before, strict=True):
         assert np.linalg.norm(n) == pytest.approx(1.0)
@@ -71,6 +72,23 @@ def test_no_place_comes_into_a_solid_without_a_contact_beside_it(kind, moves, se
     for e, s, t, d in zip(edge, share, within[0], within[2], strict=True):
         place = (1 - s) * (there[e] + t * way[e]) + s * (there[e + 1] + t * way[e + 1])
         assert 0.0 < s < 1.0 and distances(moved.end, place) == pytest.approx(d, abs=1e-9)
+
+
+def in_grid(solids, places):
+    """Which places [n, 3] are on the grid of samples."""
+    return (np.abs((places - solids.centre[0]) @ solids.rotation[0]) < 0.95 * solids.size[0]).all(axis=1)
+
+
+def test_what_comes_from_beyond_the_grid_of_a_mesh_is_found():
+    """A distance that falls by more than what a place moves is not one to advance by; here one is passed over."""
+    rng = np.random.default_rng(4450689)
+    moved = moving_solid(rng, ObstacleKind.MESH, moves=True)
+    x = rng.normal(scale=0.8, size=3) + np.cumsum(rng.normal(scale=0.3, size=(VERTICES, 3)), axis=0)
+    there = moved_along(moved.begin, moved.end, 0, x)
+    way = x + rng.normal(size=3) + 0.3 * rng.normal(size=x.shape) - there
+    assert distances(moved.end, there + way)[2] < 0.0 and not in_grid(moved.end, there)[2]
+    radius = np.full(VERTICES, RADIUS)
+    assert 2 in at_vertices(moved.end, 0, there, way, radius, 1.05 * radius, NONE_KNOWN)[0]
 
 
 def rail():
