@@ -154,8 +154,6 @@ def test_edges_that_cross_touch_where_they_cross():
     assert length_beside(x, np.array([[0, 2]]))[0] == pytest.approx(0.0, abs=1e-12)
 
 
-
-
 @pytest.mark.parametrize("noise", [0.0, 1e-12, 1e-4])
 @pytest.mark.parametrize("shift", [0.0, 0.1, 0.5, 0.9])
 def test_all_of_strands_side_by_side_is_in_contact_once(shift, noise):
