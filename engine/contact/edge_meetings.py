@@ -7,6 +7,7 @@ from engine.geometry.moving_segments import first_near
 from engine.geometry.segment_distance import nearest_on_segments
 
 DEEP = 0.5  # of the distance at the start, or at which two touch: edges in contact that come nearer pass through each other
+COINCIDENT = 1e-9  # distance, in that at which edges touch, that says nothing about which side of each other they are on
 LEVEL = 0.05  # of the distance at which edges touch, by which it changes along what lies side by side
 LOOP = np.pi / 2  # least length of strand between two of its edges that touch, in the distance at which they do
 
@@ -38,6 +39,8 @@ def find(pairs, x, motion, radius, near, strand, along, known):
                 edge[count, 0], edge[count, 1], share[count, 0], share[count, 1] = a, b, s, t
                 time[count], before[count] = 0.0, distance
                 count += 1
+        if distance <= COINCIDENT * touch:
+            continue
         limit = touch if met == 0 else DEEP * min(distance, touch)
         when = first_near(x, motion, a, b, limit, ends)
         if when <= 1.0:

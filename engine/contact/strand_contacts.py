@@ -137,8 +137,9 @@ class Touching:
         way = _on(edge, share, motion)
         moved = time[:, None] * (way[:, 0] - way[:, 1])
         distance = np.linalg.norm(apart + moved, axis=1)
-        normal = (apart + moved) / distance[:, None]
         touch = self.radius[edge].sum(axis=1)
+        one = distance <= edge_meetings.COINCIDENT * touch
+        normal = np.where(one[:, None], _across(x, edge), (apart + moved) / np.where(one, 1.0, distance)[:, None])
         friction = np.sqrt(self.friction[self.strand[edge]].prod(axis=1))
         kept = self._kept(before, touch, h, edge)
         return Contacts(edge, share, normal, distance - np.einsum("ck,ck->c", normal, moved), touch, kept,
@@ -200,6 +201,15 @@ def _keys(edge: Ints) -> Ints:
 def _on(edge: Ints, share: Floats, values: Floats) -> Floats:
     """What `values` [V, 3] are at places on edges [C, n], shape [C, n, 3]."""
     return (1.0 - share[:, :, None]) * values[edge] + share[:, :, None] * values[edge + 1]
+
+
+def _across(x: Floats, edge: Ints) -> Floats:
+    """Unit vectors across the first edges, and across the second ones too where these are not parallel, shape [C, 3]."""
+    along = (x[edge + 1] - x[edge]) / np.linalg.norm(x[edge + 1] - x[edge], axis=2)[:, :, None]
+    both = np.cross(along[:, 0], along[:, 1])
+    any_way = np.cross(along[:, 0], np.eye(3)[np.argmin(np.abs(along[:, 0]), axis=1)])
+    normal = np.where((np.linalg.norm(both, axis=1) < 1e-3)[:, None], any_way, both)
+    return normal / np.linalg.norm(normal, axis=1)[:, None]
 
 
 @njit(cache=True)

@@ -255,3 +255,16 @@ def test_cohesion_holds_a_crossing_up_to_its_force(at, pull, parts):
         assert report.accepted, report.reason
     height = (1.0 - at) * state.x[4, 2] + at * state.x[5, 2]
     assert (height > 2 * RADIUS + settings.cohesion_reach) == parts
+
+
+def test_strands_in_one_place_stay_there_and_break_nothing():
+    """Nothing says where either lies, so that any direction across them is as good as another."""
+    assembly, along = StrandAssembly(), np.linspace(0.0, 0.02, 6)
+    for _ in range(2):
+        assembly.strand(np.column_stack([along, 0 * along, 0 * along]), 5e-5, HAIR, friction=0.3)
+    model, state = assembly.build()
+    stepper = StrandStepper(model, np.array([0.0, 0.0, -9.81]))
+    for _ in range(5):
+        assert stepper.step(state, 1e-3).accepted
+    assert np.isfinite(state.x).all() and len(stepper.contacts.edge) > 0
+    np.testing.assert_allclose(state.x[:6], state.x[6:], atol=1e-9)
