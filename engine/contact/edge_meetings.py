@@ -6,7 +6,7 @@ from numba import njit
 from engine.geometry.moving_segments import first_near
 from engine.geometry.segment_distance import nearest_on_segments
 
-DEEP = 0.5  # of the distance at the start, or at which two touch: edges in contact that come nearer pass through each other
+DEEP = 0.9  # of the distance at the start, or at which two touch: edges in contact that come nearer pass through each other
 COINCIDENT = 1e-9  # distance, in that at which edges touch, that says nothing about which side of each other they are on
 LEVEL = 0.05  # of the distance at which edges touch, by which it changes along what lies side by side
 LOOP = np.pi / 2  # least length of strand between two of its edges that touch, in the distance at which they do
