@@ -10,8 +10,6 @@ from engine.contact.strand_contacts import Contacts
 from engine.strands.springs import Springs
 
 STIFF = 10.0  # stiffness of contacts over that of the strands, where the rest of them is held, or over that of their mass
-
-
 RIGID = 1e9  # stiffness of what is held, over that of the same vertex in other directions
 
 

@@ -1,7 +1,8 @@
 """One implicit Euler step of discrete elastic rods in contact (Fei 2019, sec. 14.1 and algorithm 2).
 
-Strands are solved by Newton iterations of their own under given contact forces, then contact forces by Gauss-Seidel under strands
-that answer as their Hessians say, in turn until both agree: what a step ends with is implicit in elasticity and contact alike.
+Contact forces are found by augmented Lagrangians under strands that answer as their Hessians say; then strands by Newton
+iterations of their own, to each of which its contacts are linear springs; in turn, until neither moves anything any more. What a
+step ends with is implicit in elasticity, friction and contact alike. (The paper predicts strands without contact first.)
 """
 
 from dataclasses import replace
@@ -23,7 +24,7 @@ from engine.strands.settings import StrandSettings
 from engine.strands.springs import Springs, no_springs
 
 CROSSING = 0.5  # cosine between edges below which they cross, and do not lie side by side
-INNER = 0.1  # of the tolerance of contact, to which Gauss-Seidel goes
+INNER = 0.1  # of the tolerance of contact, to which contact forces are found under linear strands
 
 
 class StrandStepper:
@@ -44,7 +45,7 @@ class StrandStepper:
         """Advance `state` by `h` [s]; a rejected step leaves it as it was.
 
         `given` are the places [V, 3] [m] at which held vertices end, and the angles [V] [rad] by which held edges turn about
-        themselves beyond what being carried along does; without it they stay.
+        themselves beyond what being carried along does; without it they stay. `obstacles` are how solids move in the step.
         """
         report, watch, settings = StepReport(), Stopwatch(), self.settings
         predicted = inertia(self.model, state, loads or StrandLoads(), self.gravity, h)
