@@ -66,13 +66,19 @@ def friction(t1, t2, k1, k2, limit):
 
 
 @njit(cache=True, error_model="numpy")
-def friction_slope(r1, r2, k1, k2, a):
-    """Return the slopes (11, 12, 22) of the friction by the trial force, times k: symmetric, and no less than zero."""
+def friction_slope(r1, r2, k1, k2, a, tangent):
+    """Return the slopes (11, 12, 22) of the friction by the trial force, times k: symmetric, and no less than zero.
+
+    Where they are not to be `tangent`, they are those of a parabola that touches the potential of friction and is nowhere below
+    it: what is least for that never lies too far.
+    """
     if a == 0.0:
         return k1, 0.0, k2
     if a == np.inf:
         return 0.0, 0.0, 0.0
     m1, m2 = k1 / (1.0 + a * k1), k2 / (1.0 + a * k2)
+    if not tangent:
+        return m1, 0.0, m2
     g1, g2 = m1 * r1, m2 * r2
     along = r1 * g1 + r2 * g2
     return m1 - g1 * g1 / along, -g1 * g2 / along, m2 - g2 * g2 / along

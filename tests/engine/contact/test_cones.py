@@ -100,7 +100,7 @@ def test_friction_is_the_slope_of_its_potential_and_its_slope_is_symmetric(t1, t
         return friction_potential(*t, r1, r2, k1, k2), np.array([r1, r2]), a
 
     _, r, a = at(0.0, 0.0)
-    s11, s12, s22 = friction_slope(*r, k1, k2, a)
+    s11, s12, s22 = friction_slope(*r, k1, k2, a, True)
     steps = WIDTH / max(k1, k2) * np.eye(2)
     sides = [(at(*d), at(*-d), np.abs(d).max()) for d in steps]
     slopes = np.array([(after[0] - before[0]) / (2 * width) for after, before, width in sides])
@@ -111,9 +111,23 @@ def test_friction_is_the_slope_of_its_potential_and_its_slope_is_symmetric(t1, t
     assert np.linalg.eigvalsh(wanted)[0] >= -1e-9 * max(k1, k2)
 
 
+@settings(deadline=None)
+@given(t=st.tuples(FORCES, FORCES), other=st.tuples(FORCES, FORCES), k1=STIFFNESSES, k2=STIFFNESSES, limit=LIMITS)
+def test_the_secant_of_friction_makes_a_parabola_above_its_potential(t, other, k1, k2, limit):
+    r1, r2, a = friction(*t, k1, k2, limit)
+    s11, s12, s22 = friction_slope(r1, r2, k1, k2, a, False)
+    w1, w2 = (t[0] - other[0]) / k1, (t[1] - other[1]) / k2
+    here = friction_potential(*t, r1, r2, k1, k2)
+    there = friction_potential(*other, *friction(*other, k1, k2, limit)[:2], k1, k2)
+    above = here - r1 * w1 - r2 * w2 + 0.5 * (s11 * w1 * w1 + s22 * w2 * w2)
+    assume(np.isfinite(a))
+    assert s12 == 0.0
+    assert there <= above + 1e-9 * (abs(above) + abs(here) + limit * (abs(w1) + abs(w2)))
+
+
 def test_without_a_limit_there_is_no_friction():
     r1, r2, a = friction(1.0, -2.0, 1.0, 3.0, 0.0)
-    assert (r1, r2, a) == (0.0, 0.0, np.inf) and friction_slope(r1, r2, 1.0, 3.0, a) == (0.0, 0.0, 0.0)
+    assert (r1, r2, a) == (0.0, 0.0, np.inf) and friction_slope(r1, r2, 1.0, 3.0, a, True) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(("r", "t", "gap", "limit"), [
