@@ -7,6 +7,7 @@ from engine.geometry.moving_segments import first_near
 from engine.geometry.segment_distance import nearest_on_segments
 
 DEEP = 0.9  # of the distance at the start, or at which two touch: edges in contact that come nearer pass through each other
+SLACK = 0.01  # of the distance at which two touch, by which edges in contact may come nearer in a step
 COINCIDENT = 1e-9  # distance, in that at which edges touch, that says nothing about which side of each other they are on
 LEVEL = 0.05  # of the distance at which edges touch, by which it changes along what lies side by side
 LOOP = np.pi / 2  # least length of strand between two of its edges that touch, in the distance at which they do
@@ -43,6 +44,13 @@ def find(pairs, x, motion, radius, near, strand, along, known):
             continue
         limit = touch if met == 0 else DEEP * min(distance, touch)
         when = first_near(x, motion, a, b, limit, ends)
+        if when > 1.0 and met > 0:  # places and normals of contacts are those that they were made with, and edges slide and turn
+            for k in range(3):
+                ends[0, k], ends[1, k] = x[a, k] + motion[a, k], x[a + 1, k] + motion[a + 1, k]
+                ends[2, k], ends[3, k] = x[b, k] + motion[b, k], x[b + 1, k] + motion[b + 1, k]
+            least = min(distance, touch) - SLACK * touch
+            if nearest_on_segments(ends[0], ends[1], ends[2], ends[3])[2] < least * least:
+                when = 1.0
         if when <= 1.0:
             s, t, _ = nearest_on_segments(ends[0], ends[1], ends[2], ends[3])
             edge[count, 0], edge[count, 1], share[count, 0], share[count, 1] = a, b, s, t

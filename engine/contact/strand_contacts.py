@@ -19,8 +19,10 @@ from engine.geometry.solids import moved_along
 from engine.strands.model import StrandModel
 
 NEAR = 0.05  # of the distance at which two touch, within which they are in contact from the start
-MENDING = 5e-3  # time in which a small overlap is taken back [s]
-SMALL = 0.1  # overlaps, of the distance at which two touch; larger ones stay as they are
+MENDING = 5e-3  # time in which an overlap is taken back [s]
+MOST = 0.1  # of the distance at which two touch, that is taken back of an overlap in that time
+YIELDS = 0.1  # sum of the squared shares of a contact that vertices have which can move, from which on overlaps are taken back
+CLOSE_BY = 0.1  # of an edge, within which a new contact of the same edges takes the place of another
 SOLID = -1  # second edge of a contact with solid number 0; that with number o is SOLID - o
 
 
@@ -88,6 +90,20 @@ class Contacts(NamedTuple):
         there[strands] = _on(self.edge[strands, 1:], self.share[strands, 1:], values)[:, 0]
         return there
 
+    def renewed(self, met: "Contacts") -> "Contacts":
+        """Return these contacts and those `met` beside them, which take the place and the forces of those of the same edges close by.
+
+        Constraints that say the same of places next to each other would leave it open which of them has the force.
+        """
+        key, other = _keys(self.edge), _keys(met.edge)
+        order = np.argsort(other, kind="stable")
+        at = order[np.minimum(np.searchsorted(other[order], key), len(other) - 1)] if len(other) else np.zeros(0, np.int64)
+        if not len(at):
+            return self
+        close = (other[at] == key) & (np.abs(self.share - met.share[at]).max(axis=1) < CLOSE_BY) & (self.edge[:, 1] >= 0)
+        np.add.at(met.force, at[close], self.force[close])
+        return Contacts(*(values[~close] for values in self)).and_also(met)
+
     def and_also(self, more: "Contacts") -> "Contacts":
         """Return these and more contacts, in the order of their edges."""
         both = [np.concatenate(arrays) for arrays in zip(self, more, strict=True)]
@@ -131,7 +147,7 @@ class Touching:
         pairs = self.segment[near_pairs(x, motion, self.segment, near[self.segment])]
         given = self.fixed[pairs] & self.fixed[pairs + 1]
         edge, share, time, before = edge_meetings.find(
-            pairs[~given.all(axis=1)], x, motion, self.radius, near, self.strand, self.along, _keys(known.edge))
+            pairs[~given.all(axis=1)], x, motion, self.radius, near, self.strand, self.along, np.sort(_keys(known.edge)))
         place = _on(edge, share, x)
         apart = place[:, 0] - place[:, 1]
         way = _on(edge, share, motion)
@@ -141,7 +157,7 @@ class Touching:
         one = distance <= edge_meetings.COINCIDENT * touch
         normal = np.where(one[:, None], _across(x, edge), (apart + moved) / np.where(one, 1.0, distance)[:, None])
         friction = np.sqrt(self.friction[self.strand[edge]].prod(axis=1))
-        kept = self._kept(before, touch, h, edge)
+        kept = self._kept(before, touch, h, edge, share)
         return Contacts(edge, share, normal, distance - np.einsum("ck,ck->c", normal, moved), touch, kept,
                         carried=np.zeros_like(normal), friction=friction, force=np.zeros_like(normal))
 
@@ -175,27 +191,27 @@ class Touching:
                 normal=normal,
                 apart=distance - np.einsum("ck,ck->c", normal, moved),
                 touch=touch,
-                kept=self._kept(before, touch, h, edge[:, None]),
+                kept=self._kept(before, touch, h, edge[:, None], share[:, None]),
                 carried=_on(edge[:, None], share[:, None], there - x)[:, 0],
                 friction=np.full(len(edge), obstacles.friction[o]),
                 force=np.zeros_like(normal),
             ))
         return found
 
-    def _kept(self, distance: Floats, touch: Floats, h: float, edge: Ints) -> Floats:
+    def _kept(self, distance: Floats, touch: Floats, h: float, edge: Ints, share: Floats) -> Floats:
         """The distance that contacts are to keep whose sides are so far apart at the start of the step.
 
-        Small overlaps are taken back in time, but not beside what is held, which may not yield.
+        Overlaps are taken back in time, but not close to what is held, which may not yield.
         """
         overlap = touch - distance
-        yields = ~(self.fixed[edge] | self.fixed[edge + 1]).any(axis=1)
-        mended = overlap * min(h / MENDING, 1.0) * (yields & (overlap < SMALL * touch))
+        yields = ((1.0 - share) ** 2 * ~self.fixed[edge] + share**2 * ~self.fixed[edge + 1]).sum(axis=1) > YIELDS
+        mended = np.minimum(overlap, MOST * touch) * min(h / MENDING, 1.0) * yields
         return np.where(overlap <= 0.0, touch, distance + mended)
 
 
 def _keys(edge: Ints) -> Ints:
-    """Numbers that name the edges of contacts between strands, ascending."""
-    return np.sort((edge[:, 0] << 32) + edge[:, 1])
+    """Numbers that name the edges of contacts."""
+    return (edge[:, 0] << 32) + edge[:, 1]
 
 
 def _on(edge: Ints, share: Floats, values: Floats) -> Floats:

@@ -74,7 +74,7 @@ class StrandStepper:
             watch.lap("strands")
             met = self._near(state, after.x - state.x, h, obstacles, contacts)
             watch.lap("detect")
-            contacts = contacts.and_also(met)
+            contacts = contacts.renewed(met)
             if not len(contacts.edge):
                 break
             which = self.touching.strands_of(contacts)
