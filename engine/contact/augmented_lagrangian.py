@@ -24,6 +24,7 @@ from engine.linalg import banded
 NEWTON = 30  # iterations in a round
 FREE = 5  # rounds, after which limits of friction that swing are damped
 CLOSE = 0.1  # of what the round leaves to the next, that no vertex is to move by in a further iteration
+SLOW, STIFFER = 0.5, 4.0  # share of what a contact missed that is still missing after a round, and what its largest stiffness grows by
 ARMIJO = 1e-4  # share of the slope's promise that a step must keep
 SHORTEST = 1e-4  # step below which there is no descent
 
@@ -128,7 +129,7 @@ def solve(
     factor, in_space = np.empty_like(strands.band), np.empty((len(force), 3, 3))
     displacements(problem, moved, start)
     touch, last, rounds, newton, linear = problem.touch.min(), step, 0, 0, 0
-    error = np.inf
+    error, left = np.inf, np.full(len(force), np.inf)
     while rounds < most:
         if penalty is None:
             stiffen(problem, stiffest, force, tolerance, stiffness)
@@ -150,17 +151,23 @@ def solve(
                 alpha *= 0.5
             step = there
             value, newton = reached, newton + 1
-            missed = np.abs((r - force) / (stiffness * problem.touch[:, None])).max()  # so far: no need to be more precise
-            goal = CLOSE * max(tolerance, missed) * touch
+            goal = CLOSE * max(tolerance, _missed(problem, stiffness, r - force).max()) * touch
             if far <= goal or (alpha == 1.0 and INEXACT * far <= goal and np.array_equal(slope, before)):
                 break
-        force[:] = r
+        missed = _missed(problem, stiffness, r - force)
+        stiffest[(missed > tolerance) & (missed > SLOW * left)] *= STIFFER
+        force[:], left = r, missed
         rounds += 1
         error, part = law_error(problem, stiffness, w, force) if penalty is None else (0.0, 0.0)
         moves, last = np.abs(step[:, :3] - last[:, :3]).max(), step
         if error <= tolerance and (part <= tolerance or moves <= tolerance * touch):
             break
     return Answer(rounds, newton, linear, error, step, slope, stiffness)
+
+
+def _missed(problem: ContactProblem, stiffness: Floats, force: Floats) -> Floats:
+    """What springs of a `stiffness` [C, 3] are short of for `force` [C, 3] more, in distances of touch, shape [C]."""
+    return (np.abs(force) / (stiffness * problem.touch[:, None])).max(axis=1)
 
 
 def _by(problem: ContactProblem, step: Floats) -> Floats:

@@ -95,11 +95,11 @@ class Contacts(NamedTuple):
 
         Constraints that say the same of places next to each other would leave it open which of them has the force.
         """
+        if not len(met.edge):
+            return self
         key, other = _keys(self.edge), _keys(met.edge)
         order = np.argsort(other, kind="stable")
-        at = order[np.minimum(np.searchsorted(other[order], key), len(other) - 1)] if len(other) else np.zeros(0, np.int64)
-        if not len(at):
-            return self
+        at = order[np.minimum(np.searchsorted(other[order], key), len(other) - 1)]
         close = (other[at] == key) & (np.abs(self.share - met.share[at]).max(axis=1) < CLOSE_BY) & (self.edge[:, 1] >= 0)
         np.add.at(met.force, at[close], self.force[close])
         return Contacts(*(values[~close] for values in self)).and_also(met)
