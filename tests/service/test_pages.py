@@ -87,6 +87,25 @@ def test_a_running_job_is_cancelled_by_its_button(page, tmp_path):
     assert page.complaints == []
 
 
+def test_what_waits_says_how_large_it_is(page, tmp_path):
+    page.locator("#file").set_input_files(scene_file(tmp_path, name="first", duration=1000.0))
+    first = page.locator(".card", has_text="first")
+    expect(first.locator(".state")).to_have_text("running", timeout=PATIENCE)
+    waiting = {"knot-pull": "1 strand with 140 vertices", "curly-hair-swing": "100 strands with 6 400 vertices",
+               "chain-over-peg": "21 points"}
+    for scene, extent in waiting.items():
+        page.get_by_label("Scene", exact=True).select_option(scene)
+        page.get_by_role("button", name="Run").click()
+        card = page.locator(".card", has_text=scene)
+        expect(card.locator(".waiting")).to_contain_text(f"Waiting for a free worker: {extent}, about")
+        page.screenshot(path=tmp_path / f"{scene}.png")
+        card.get_by_role("button", name="Cancel").click()
+        expect(card.locator(".state")).to_have_text("cancelled")
+    first.get_by_role("button", name="Cancel").click()
+    expect(first.locator(".state")).to_have_text("cancelled", timeout=2000)
+    assert page.complaints == []
+
+
 def test_a_bad_scene_is_explained_in_place(page, tmp_path):
     page.locator("#file").set_input_files(scene_file(tmp_path, colour="red", duration=-1))
     outcome = page.locator("#outcome")
