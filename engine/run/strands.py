@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from engine.contact.obstacles import motion
 from engine.run.frames import Components, StrandFrame
-from engine.run.statistics import Invariants
+from engine.run.statistics import Invariants, kept
 from engine.scene.build import build
 from engine.scene.schema import Scene
 from engine.steppers.step_report import StepReport
@@ -65,16 +65,8 @@ class StrandsInMotion:
 
     def invariants(self, time: float, energies: dict[str, float]) -> Invariants:
         """Momentum where nothing holds or brakes the strands, energy where nothing but implicit Euler dissipates it."""
-        kept: dict = {}
-        if self._keeps_momentum:
-            impulse = self._mass * self.gravity * time
-            kept["momentum"] = observe.momentum(self.model, self.state) - impulse
-            # a bound of what cancels in the sum, so that a body at rest in total has a scale as well
-            speed = np.sqrt(2 * energies["kinetic"] / self._mass)
-            kept["momentum_scale"] = float(max(np.linalg.norm(impulse), self._mass * speed))
-        if self._keeps_energy:
-            kept["kinetic_energy"], kept["potential_energy"] = energies["kinetic"], energies["potential"]
-        return Invariants(**kept)
+        momentum = observe.momentum(self.model, self.state) if self._keeps_momentum else None
+        return kept(momentum, self._mass * self.gravity * time, self._mass, energies, self._keeps_energy)
 
     def components(self) -> Components:
         """Return the strands as they are drawn."""
