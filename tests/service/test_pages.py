@@ -1,18 +1,15 @@
 """The pages in a real browser, with real workers: submit a scene, see it finish, read its report."""
 
 import json
-import shutil
 
 import httpx
 import pytest
-from playwright.sync_api import expect, sync_playwright
+from playwright.sync_api import expect
 
 from engine.scene.load import shipped_scenes
+from tests.browser import chromium
 from tests.service.conftest import serving, wait_for
 
-FLAGS = ["--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-         "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-         "--disable-sync", "--disable-dev-shm-usage", "--hide-scrollbars"]
 PATIENCE = 300_000  # the first run after an edit compiles all kernels [ms]
 
 
@@ -32,12 +29,8 @@ def finished(site):
 
 @pytest.fixture(scope="module")
 def browser():
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    assert chromium, "these tests drive the system's Chromium: install the package chromium"
-    with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+    with chromium() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 import io
 import re
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,17 +10,13 @@ import httpx
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Page, expect
 
 from engine.run.frames import write_frame
+from tests.browser import chromium
 from tests.viewer import strands, synthetic
 from viewer.server import LiveViewer
 
-FLAGS = (
-    "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --disable-quic --no-first-run "
-    "--disable-background-networking --disable-component-update --disable-sync --disable-dev-shm-usage "
-    "--hide-scrollbars"
-).split()
 FRAMES = 10
 PATIENCE = 90_000  # a processor that has other work takes seconds to draw [ms]
 
@@ -46,15 +41,11 @@ def viewer(data) -> Iterator[LiveViewer]:
 
 @pytest.fixture(scope="module")
 def page(viewer) -> Iterator[Page]:
-    chromium = shutil.which("chromium")
-    assert chromium, "the viewer's tests need Chromium: install the package chromium"
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+    with chromium() as browser:
         page = browser.new_page(viewport={"width": 760, "height": 460})
         page.set_default_timeout(PATIENCE)
         expect.set_options(timeout=PATIENCE)
         yield page
-        browser.close()
 
 
 def url(viewer: LiveViewer, job: str) -> str:
