@@ -67,6 +67,13 @@ def write_job(directory: Path, frames: int, state: str = "succeeded") -> None:
     jobs.write_job(directory, SCENE, map(frame, range(frames)), state)
 
 
+def write_falling_job(directory: Path) -> None:
+    """Make `directory` a job directory of two frames, between which the tufts fall 4 m."""
+    first, last = frame(0), frame(1)
+    last.strands.positions[:, 2] -= 4.0
+    jobs.write_job(directory, SCENE, [first, last])
+
+
 def curled(strands: int, vertices: int, groups: int = 1) -> StrandFrame:
     """Return hair on a ball of radius 0.1 m in so many groups, of 0.2 m each and a radius of 0.04 mm."""
     number = np.arange(strands)

@@ -28,6 +28,7 @@ def data(tmp_path_factory) -> Path:
     synthetic.write_job(path / "running", 3, state="running")
     synthetic.write_large_job(path / "large")
     strands.write_job(path / "tufts", 4)
+    strands.write_falling_job(path / "falling")
     strands.write_large_job(path / "hair")
     return path
 
@@ -172,6 +173,23 @@ def test_strands_are_drawn_in_the_colours_of_what_one_asks_for(page, viewer):
     page.get_by_role("checkbox", name="Strands").click()
     bare = picture(page)
     assert not ((bare[..., 2] > 1.3 * bare[..., 0]).mean() > 0.005), "only the ball is left"
+
+
+def test_the_solver_says_how_strands_did(page, viewer):
+    page.goto(url(viewer, "tufts"))
+    expect(page.get_by_text("frame 3 of 3")).to_be_visible()
+    page.get_by_role("tab", name="Solver").click()
+    for name, value in (("Newton iterations", "4"), ("contacts", "15"), ("deepest overlap", "0.0001 radii")):
+        expect(page.locator("div", has=page.get_by_text(name, exact=True)).get_by_text(value, exact=True).last).to_be_visible()
+    expect(page.get_by_text("Deepest overlap, log10")).to_be_attached()
+    expect(page.get_by_text("Widest gap, log10")).to_have_count(0)
+
+
+def test_what_has_fallen_far_is_shown_from_its_beginning(page, viewer):
+    page.goto(url(viewer, "falling"))
+    expect(page.get_by_text("frame 0 of 1")).to_be_visible()
+    tufts = picture(page)
+    assert (tufts[..., 2] > 1.3 * tufts[..., 0]).mean() > 0.005, "and is no speck"
 
 
 def test_a_page_goes_from_strands_to_yarns_and_back(page, viewer):
