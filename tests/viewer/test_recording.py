@@ -6,6 +6,7 @@ import warnings
 from collections import Counter
 from pathlib import Path
 
+import trimesh
 from rerun.chunk import RrdReader
 
 from engine.run.frames import Frame
@@ -96,6 +97,17 @@ def test_a_recording_of_strands_has_them_by_group_and_in_every_paint(tmp_path):
     assert counted["/obstacles/0"] == 1
     assert not any(name.startswith(("/cloth", "/nodes")) for name in counted)
     assert len(RrdReader(tmp_path / "recording.rrd").blueprints()) == 1
+
+
+def test_a_body_that_changes_is_recorded_in_every_frame(tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.01)
+    shapes = [{"time": 0.1, "vertices": (1.1 * ball.vertices).tolist()}]
+    body = {"shape": "mesh", "vertices": ball.vertices.tolist(), "faces": ball.faces.tolist(), "shapes": shapes}
+    recorder = Recorder(load_scene(strands.SCENE | {"obstacles": [body]}), tmp_path)
+    for index in range(4):
+        recorder.log(strands.frame(index))
+    recorder.close()
+    assert rows(tmp_path / "recording.rrd")["/obstacles/0"] == 4 + 1, "and one row of triangles, static"
 
 
 def test_a_recorded_head_of_hair_is_as_large_as_it_may_be(tmp_path):
