@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
 from engine.run.frames import Frame, StrandFrame
 from engine.scene.build import Built, build
@@ -65,6 +66,15 @@ def frame(index: int) -> Frame:
 def write_job(directory: Path, frames: int, state: str = "succeeded") -> None:
     """Make `directory` a job directory with that many frames."""
     jobs.write_job(directory, SCENE, map(frame, range(frames)), state)
+
+
+def on_a_swelling_ball() -> dict:
+    """The scene with a ball in it that swells to 1.4 times its size in a tenth of a second."""
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
+    swollen = {"time": 0.1, "vertices": (1.4 * ball.vertices).tolist()}
+    return SCENE | {"obstacles": [{
+        "shape": "mesh", "vertices": ball.vertices.tolist(), "faces": ball.faces.tolist(), "shapes": [swollen],
+    }]}  # fmt: skip
 
 
 def write_falling_job(directory: Path) -> None:

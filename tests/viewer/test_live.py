@@ -14,7 +14,7 @@ from playwright.sync_api import Page, expect
 
 from engine.run.frames import write_frame
 from tests.browser import chromium
-from tests.viewer import strands, synthetic
+from tests.viewer import jobs, strands, synthetic
 from viewer.server import LiveViewer
 
 FRAMES = 10
@@ -29,6 +29,7 @@ def data(tmp_path_factory) -> Path:
     synthetic.write_large_job(path / "large")
     strands.write_job(path / "tufts", 4)
     strands.write_falling_job(path / "falling")
+    jobs.write_job(path / "swelling", strands.on_a_swelling_ball(), map(strands.frame, range(4)))
     strands.write_large_job(path / "hair")
     return path
 
@@ -190,6 +191,20 @@ def test_what_has_fallen_far_is_shown_from_its_beginning(page, viewer):
     expect(page.get_by_text("frame 0 of 1")).to_be_visible()
     tufts = picture(page)
     assert (tufts[..., 2] > 1.3 * tufts[..., 0]).mean() > 0.005, "and is no speck"
+
+
+def test_a_body_that_changes_is_drawn_in_the_shape_of_the_moment(page, viewer):
+    page.goto(url(viewer, "swelling"))
+    expect(page.get_by_text("frame 3 of 3")).to_be_visible()
+    page.get_by_role("checkbox", name="Strands").click()
+    swollen = picture(page)
+    page.get_by_role("button", name="first").click()
+    expect(page.get_by_text("frame 0 of 3")).to_be_visible()
+    small = picture(page)
+    page.get_by_role("checkbox", name="Obstacles").click()
+    bare = picture(page)
+    area, swollen_area = share_changed(small, bare), share_changed(swollen, bare)
+    assert area > 0.01 and swollen_area / area == pytest.approx(1.4**2, rel=0.15)
 
 
 def test_a_page_goes_from_strands_to_yarns_and_back(page, viewer):

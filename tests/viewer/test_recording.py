@@ -6,7 +6,6 @@ import warnings
 from collections import Counter
 from pathlib import Path
 
-import trimesh
 from rerun.chunk import RrdReader
 
 from engine.run.frames import Frame
@@ -100,10 +99,7 @@ def test_a_recording_of_strands_has_them_by_group_and_in_every_paint(tmp_path):
 
 
 def test_a_body_that_changes_is_recorded_in_every_frame(tmp_path):
-    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.01)
-    shapes = [{"time": 0.1, "vertices": (1.1 * ball.vertices).tolist()}]
-    body = {"shape": "mesh", "vertices": ball.vertices.tolist(), "faces": ball.faces.tolist(), "shapes": shapes}
-    recorder = Recorder(load_scene(strands.SCENE | {"obstacles": [body]}), tmp_path)
+    recorder = Recorder(load_scene(strands.on_a_swelling_ball()), tmp_path)
     for index in range(4):
         recorder.log(strands.frame(index))
     recorder.close()
