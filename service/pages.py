@@ -23,7 +23,7 @@ SHOWN_LINES = 100  # of a log
 
 router = APIRouter(include_in_schema=False)
 templates = Jinja2Templates(directory=TEMPLATES)
-for name in ("label", "duration", "size", "number", "quantity", "clock"):
+for name in ("label", "duration", "size", "number", "quantity", "clock", "extent"):
     templates.env.filters[name] = getattr(wording, name)
 
 

@@ -66,7 +66,7 @@ class Job:
     number: int  # order of submission
     id: str
     scene: str  # name of the scene
-    size: dict[str, int]  # estimate made before it was accepted: nodes, points, frames, steps
+    size: dict[str, int]  # estimate made before it was accepted: `engine.scene.size.SizeEstimate`
     life: Life
     fence: int
     lease_until: float

@@ -60,6 +60,14 @@ def number(value: float | None) -> str:
     return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPT)}"
 
 
+def extent(estimate: dict[str, int]) -> str:
+    """Return how large a scene is, from the estimate of its size: `231 517 points`, `100 strands with 1 600 vertices`."""
+    strands, vertices = estimate.get("strands", 0), estimate.get("strand_vertices", 0)
+    if vertices:
+        return f"{number(strands)} {'strand' if strands == 1 else 'strands'} with {number(vertices)} vertices"
+    return f"{number(estimate['points'])} points"
+
+
 def quantity(key: str, value: Any) -> str:
     """Return the value of a report's key with its unit; of a distribution its median and its end."""
     if isinstance(value, dict):

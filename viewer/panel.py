@@ -46,9 +46,12 @@ PLOTS = {
         Curve("eol_inter", "EoL between", "#cc79a7"),
         Curve("eil", "EIL", "#de1920"),
     ),
+    "Widest gap, log10": (Curve("contact_gap", "of EIL contacts, in radii", "#cc79a7", logarithmic=True),),
     "Contacts of strands": (Curve("contacts", "at the end of a step", "#d7302a"),),
+    "Deepest overlap, log10": (Curve("contact_gap", "in radii", "#cc79a7", logarithmic=True),),
 }
-OF_YARNS, OF_STRANDS = {"Contacts"}, {"Contacts of strands"}  # plots that make sense for one of them only
+OF_YARNS = {"Contacts", "Widest gap, log10"}  # plots that make sense for one of them only
+OF_STRANDS = {"Contacts of strands", "Deepest overlap, log10"}
 
 
 class Panel:
@@ -78,8 +81,10 @@ class Panel:
             self.legend = gui.add_html(yarn_legend("fabric"))
             self.refit = gui.add_button("Fit view", icon=viser.Icon.FOCUS_2, color="gray")
         with tabs.add_tab("Solver"):
+            self.solver = gui.add_html("")
             self._plots = {title: _plot(gui, title, curves) for title, curves in PLOTS.items()}
-        self._plots["Contacts of strands"].visible = False
+        for title in OF_STRANDS:
+            self._plots[title].visible = False
 
     def shown(self, focus: tuple[float, float, float]) -> Shown:
         """Return what the visitor wants to see; `focus` is the middle of a region [m]."""
@@ -120,7 +125,9 @@ class Panel:
         """Plot the series of all frames over their times [s]."""
         x = np.array(times, np.float64)
         for title, plot in self._plots.items():
-            plot.data = (x, *(_values(curve, series) for curve in PLOTS[title]))
+            values = [_values(curve, series) for curve in PLOTS[title]]
+            there = np.isfinite(values).any(axis=0)  # a plot of something that is not a number would be empty
+            plot.data = (x[there], *(of_curve[there] for of_curve in values))
 
 
 def drawn_html(statement: str) -> str:
@@ -128,9 +135,30 @@ def drawn_html(statement: str) -> str:
     return f'<div style="font-size:.78em;color:#5f6670;padding:.1em .8em">{escape(statement)}</div>'
 
 
+def solver_html(frame: Frame) -> str:
+    """Return how the step went that ended with a frame, as rows of names and numbers; of the first frame, nothing."""
+    series = frame.series
+    said = {
+        "step": (f"{1e3 * series.get('dt', 0.0):.3g} ms", "dt"),
+        "Newton iterations": (f"{series.get('newton_iterations', 0.0):.0f}", "newton_iterations"),
+        "of conjugate gradients": (f"{series.get('linear_iterations', 0.0):.0f}", "linear_iterations"),
+        "residual, of the force scale": (f"{series.get('residual', 0.0):.2g}", "residual"),
+        "contacts": (f"{series.get('contacts', 0.0):,.0f}", "contacts"),
+        "widest gap" if frame.strands is None else "deepest overlap":
+            (f"{series.get('contact_gap', 0.0):.2g} radii", "contact_gap"),
+    }  # fmt: skip
+    rows = (f'<div style="display:flex;justify-content:space-between"><span>{name}</span><b>{value}</b></div>'
+            for name, (value, key) in said.items() if key in series and frame.step)
+    return f'<div style="font-size:.8em;padding:.2em .8em;font-variant-numeric:tabular-nums">{"".join(rows)}</div>'
+
+
 def legend_html(frame: Frame, paint: Paint) -> str:
     """Return the key to the colours of a frame."""
-    return yarn_legend(paint) if frame.strands is None else strand_legend(paint, layers.paint_limit(frame.strands, paint))
+    if frame.strands is None:
+        return yarn_legend(paint)
+    if paint == "force" and not frame.strands.contact_force.any():
+        return _key(["<div>nothing touches</div>"])
+    return strand_legend(paint, layers.paint_limit(frame.strands, paint))
 
 
 def yarn_legend(paint: Paint) -> str:
@@ -179,7 +207,7 @@ def status_html(title: str, detail: str) -> str:
 
 def _values(curve: Curve, series: list[dict[str, float]]) -> NDArray[np.float64]:
     values = np.array([entry.get(curve.key, np.nan) for entry in series])
-    # a residual of exactly zero has no logarithm and leaves a gap
+    # a residual of exactly zero has no logarithm
     return np.log10(values, out=np.full_like(values, np.nan), where=values > 0) if curve.logarithmic else values
 
 

@@ -43,7 +43,7 @@ PLOTS = {
     "Contacts": ("eol_intra", "eol_inter", "eil"),
     "Energy [J]": ("kinetic_energy", "potential_energy"),
 }
-STRAND_PLOTS = PLOTS | {"Contacts": ("contacts",)}
+STRAND_PLOTS = PLOTS | {"Contacts": ("contacts",), "Overlap [radii]": ("contact_gap",)}
 NEARER = 0.65  # Rerun's eye sees a wider field than the live page's
 BACKGROUND = (238, 236, 232)
 log = logging.getLogger(__name__)
@@ -89,6 +89,8 @@ class Recorder:
         for index, move in shapes.moves(self._obstacles, self._handles, frame.time).items():
             turned = rr.Quaternion(xyzw=np.roll(move.wxyz, -1))
             stream.log(f"{OBSTACLES}/{index}", rr.Transform3D(translation=move.position, quaternion=turned))
+        for index, vertices in shapes.changed_vertices(self._obstacles, frame.time).items():
+            stream.log(f"{OBSTACLES}/{index}", rr.Mesh3D.from_fields(vertex_positions=vertices))
         if frame.yarns is not None:
             yarns = detail.coarse(frame.yarns, detail.FINE)
             drawn = self._layout(yarns, detail.FINE.segments)
@@ -118,9 +120,10 @@ class Recorder:
         stream.save(file.entrance, default_blueprint=blueprint(low, high, first.strands is not None))
         file.seal()
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        changing = shapes.changed_vertices(self._obstacles, first.time)
         for index in range(len(self._obstacles.kind)):
             mesh = shapes.obstacle_mesh(self._obstacles, index, low, high)
-            stream.log(f"{OBSTACLES}/{index}", obstacle(mesh), static=True)
+            stream.log(f"{OBSTACLES}/{index}", obstacle(mesh, places=index not in changing), static=True)
         if first.yarns is not None:
             log_looks(stream, first.yarns)
         if first.strands is not None:
@@ -193,9 +196,10 @@ def log_strands(stream: rr.RecordingStream, strands: StrandFrame) -> None:
     stream.log(KEY, rr.TextDocument("\n".join(key), media_type="text/markdown"))
 
 
-def obstacle(mesh: shapes.Mesh) -> rr.Mesh3D:
-    """Return a mesh for Rerun."""
-    return rr.Mesh3D(vertex_positions=mesh.vertices, triangle_indices=mesh.faces, albedo_factor=mesh.colour)
+def obstacle(mesh: shapes.Mesh, places: bool = True) -> rr.Mesh3D:
+    """Return a mesh for Rerun, without the places of its vertices where these are logged frame by frame."""
+    vertices = mesh.vertices if places else None
+    return rr.Mesh3D.from_fields(vertex_positions=vertices, triangle_indices=mesh.faces, albedo_factor=mesh.colour)
 
 
 def blueprint(low: Floats, high: Floats, strands: bool) -> rrb.Blueprint:

@@ -15,12 +15,13 @@ from engine.scene.load import SceneError
 from viewer.jobs import NO_OBSTACLES, Job, job_ids, read_frame_once
 from viewer.lay import Layout, layout_of, unchanged
 from viewer.layers import scene_bounds
-from viewer.panel import NO_JOB, PAINTS, SPEEDS, Panel, drawn_html, legend_html, status_html
+from viewer.panel import NO_JOB, PAINTS, SPEEDS, Panel, drawn_html, legend_html, solver_html, status_html
 from viewer.stage import Shown, Stage
 from viewer.timeline import Timeline
 
 LOOK_INTERVAL = 0.25  # between looks at the directory for new frames [s]
 FOCUS_STEP = 0.05  # a region follows the camera in steps of this share of its distance
+FAR = 4.0  # sizes of what there is at the start, above which the picture does not reach to what has left it
 SERIES_PER_TICK = 64  # frames whose series are read at once, so that a long job does not hold up the picture
 log = logging.getLogger(__name__)
 
@@ -156,7 +157,7 @@ class Session:
         detail = f"{job.state} · time {frame.time:.3f} s · frame {frame.index} of {timeline.last} · step {frame.step}"
         panel.status.content = status_html(self._title, detail)
         if not self._framed:
-            bounds = self._bounds([read_frame_once(job.frames[0]), frame])
+            bounds = self._opening_bounds(job, frame)
             self._stage.set_obstacles(self._obstacles, *bounds)
             self._stage.frame_camera(*bounds)
             panel.offer(frame)
@@ -166,6 +167,7 @@ class Session:
             self._stage.move_obstacles(self._obstacles, self._handles, frame.time)
             panel.drawn.content = drawn_html(self._stage.draw(frame, self._layout, shown))
             panel.legend.content = legend_html(frame, PAINTS[panel.paint.value])
+            panel.solver.content = solver_html(frame)
             self._drawn = (frame, shown)
 
     def _look_at(self) -> tuple[float, float, float]:
@@ -180,6 +182,20 @@ class Session:
     def _refit(self) -> None:
         if self._drawn is not None:
             self._stage.frame_camera(*self._bounds([self._drawn[0]]))
+
+    def _opening_bounds(self, job: Job, present: Frame) -> tuple[np.ndarray, np.ndarray]:
+        """Return the box that a page opens on: around the first frame and the present one.
+
+        Where all would be a speck in that, since it has gone far, it is that of the first alone; a job that has ended is shown
+        from its beginning then.
+        """
+        first = read_frame_once(job.frames[0])
+        start, both = self._bounds([first]), self._bounds([first, present])
+        if np.linalg.norm(both[1] - both[0]) < FAR * np.linalg.norm(start[1] - start[0]):
+            return both
+        if job.state != "running":
+            self._timeline.seek(0)
+        return start
 
     def _bounds(self, frames: list[Frame]) -> tuple[np.ndarray, np.ndarray]:
         boxes = (scene_bounds(frame, posed(self._obstacles, self._handles, frame.time)) for frame in frames)

@@ -101,7 +101,7 @@ def box() -> Shape:
 def obstacle_mesh(
     obstacles: Obstacles, index: int, low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> Mesh:
-    """Return obstacle `index`, where it stands before it moves, of a scene that extends from `low` to `high` [m].
+    """Return obstacle `index`, as it is before it moves, of a scene that extends from `low` to `high` [m].
 
     A plane is a large square around the scene.
     """
@@ -127,6 +127,14 @@ def obstacle_mesh(
         local = local * (size[0], size[0], 2 * size[1])
     vertices = (local @ rotation.T + centre).astype(np.float32)
     return Mesh(vertices, faces, PLANE_COLOUR if kind is ObstacleKind.PLANE else OBSTACLE_COLOUR)
+
+
+def changed_vertices(obstacles: Obstacles, time: float) -> dict[int, Floats]:
+    """Return by index the vertices that obstacles which change their shape have at `time` [s], were they not moved [m]."""
+    if obstacles.surfaces is None:
+        return {}
+    return {o: (obstacles.surfaces.vertices(o, time) @ obstacles.rotation[o].T + obstacles.centre[o]).astype(np.float32)
+            for o, shapes in enumerate(obstacles.surfaces.shapes) if shapes is not None}
 
 
 def moves(obstacles: Obstacles, handles: Handles, time: float) -> dict[int, Move]:

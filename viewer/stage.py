@@ -65,9 +65,11 @@ class Stage:
             )
 
     def move_obstacles(self, obstacles: Obstacles, handles: Handles, time: float) -> None:
-        """Put the obstacles that are carried where they are at `time` [s]."""
+        """Put the obstacles that are carried where they are at `time` [s], in the shape that they have then."""
         for index, move in shapes.moves(obstacles, handles, time).items():
             self._obstacles[index].position, self._obstacles[index].wxyz = move.position, move.wxyz
+        for index, vertices in shapes.changed_vertices(obstacles, time).items():
+            self._obstacles[index].vertices = vertices
 
     def frame_camera(self, low: np.ndarray, high: np.ndarray) -> None:
         """Move the camera so that the box from `low` to `high` [m] fills the picture, z up."""

@@ -50,8 +50,8 @@ class ObstacleMotion:
     friction: Floats  # [K]
 
 
-def posed(obstacles: Obstacles, handles: Handles, time: float) -> Solids:
-    """Return the obstacles where they are at `time` [s]."""
+def poses(obstacles: Obstacles, handles: Handles, time: float) -> tuple[Floats, Floats]:
+    """Return centres [K, 3] [m] and rotations [K, 3, 3] of the obstacles at `time` [s]."""
     centre, rotation = obstacles.centre, obstacles.rotation
     if obstacles.handle is not None:
         carried = obstacles.handle >= 0
@@ -59,17 +59,24 @@ def posed(obstacles: Obstacles, handles: Handles, time: float) -> Solids:
         handle = obstacles.handle[carried]
         centre[carried] = handles.carry(centre[carried], handle, 0.0, time)
         rotation[carried] = handles.turns(time)[handle] @ rotation[carried]
+    return centre, rotation
+
+
+def posed(obstacles: Obstacles, handles: Handles, time: float) -> Solids:
+    """Return the obstacles where they are at `time` [s], in the shape that they have then."""
+    centre, rotation = poses(obstacles, handles, time)
     if obstacles.surfaces is None:
         lattice, samples = np.zeros((len(centre), 4), np.int64), np.zeros(0)
     else:
-        lattice, samples = obstacles.surfaces.lattice, obstacles.surfaces.samples
+        lattice, samples = obstacles.surfaces.lattice, obstacles.surfaces.samples(time)
     return Solids(obstacles.kind, centre, rotation, obstacles.size, lattice, samples)
 
 
 def motion(obstacles: Obstacles, handles: Handles, time: float, h: float) -> ObstacleMotion:
-    """Return how the obstacles move in the step of `h` from `time` [s]."""
+    """Return how the obstacles move and change in the step of `h` from `time` [s]."""
     end = posed(obstacles, handles, time + h)
-    begin = end if obstacles.handle is None else posed(obstacles, handles, time)
+    changing = obstacles.surfaces is not None and any(obstacles.surfaces.shapes)
+    begin = posed(obstacles, handles, time) if changing or obstacles.handle is not None else end
     return ObstacleMotion(begin, end, obstacles.friction)
 
 

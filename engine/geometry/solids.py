@@ -10,6 +10,7 @@ from engine.geometry.sampled_distance import sampled_distance
 from engine.geometry.signed_distance import signed_distance
 
 SAMPLED = 4  # kind of a solid given by samples of its distance; those before it are those of `signed_distance`
+SEARCHES = 3  # for the place at a distance; what is left falls by the bend of the surface over each
 
 
 class Solids(NamedTuple):
@@ -33,8 +34,27 @@ def distance_to(solids, o, x, normal):
 
 
 def moved_along(begin: Solids, end: Solids, o: int, x: Floats) -> Floats:
-    """Return where places x [n, 3] [m] on solid o at its pose in `begin` are when it is where `end` has it, shape [n, 3]."""
-    if np.array_equal(begin.centre[o], end.centre[o]) and np.array_equal(begin.rotation[o], end.rotation[o]):
-        return x
-    turn = end.rotation[o] @ begin.rotation[o].T
-    return end.centre[o] + (x - begin.centre[o]) @ turn.T
+    """Return where places x [n, 3] [m] on solid o, as it is in `begin`, are when it is as in `end`, shape [n, 3].
+
+    They move rigidly with it and, where it changes its shape, along its normals as well, so that they keep their distance.
+    """
+    there = x
+    if not (np.array_equal(begin.centre[o], end.centre[o]) and np.array_equal(begin.rotation[o], end.rotation[o])):
+        turn = end.rotation[o] @ begin.rotation[o].T
+        there = end.centre[o] + (x - begin.centre[o]) @ turn.T
+    if begin.kind[o] == SAMPLED and begin.samples is not end.samples:
+        there = there.copy()
+        _keep_distances(begin, end, o, x, there)
+    return there
+
+
+@njit(cache=True)
+def _keep_distances(begin, end, o, x, there):
+    """Move places `there` [n, 3] along the gradient of their distance until it is that which x [n, 3] had before."""
+    normal = np.empty(3)
+    for v in range(len(x)):
+        distance = distance_to(begin, o, x[v], normal)
+        for _ in range(SEARCHES):
+            left = distance - distance_to(end, o, there[v], normal)
+            for k in range(3):
+                there[v, k] += left * normal[k]

@@ -21,6 +21,21 @@ class Invariants:
     potential_energy: float | None = None  # [J]
 
 
+def kept(momentum: Floats | None, impulse: Floats, mass: float, energies: dict[str, float], energy_kept: bool) -> Invariants:
+    """Return what the exact motion keeps of a scene.
+
+    `momentum` [3] [kg m/s] is None where something holds or brakes the scene; else gravity alone changed it, by `impulse` [3].
+    `mass` [kg] is that of all that moves, `energies` its "kinetic" and "potential" energy [J], which count where `energy_kept`.
+    """
+    kinetic, potential = energies["kinetic"], energies["potential"]
+    scale = 0.0
+    if momentum is not None:
+        # a bound of what cancels in the sum, so that a body at rest in total has a scale as well
+        scale = float(max(np.linalg.norm(impulse), np.sqrt(2.0 * mass * kinetic)))
+    return Invariants(momentum=None if momentum is None else momentum - impulse, momentum_scale=scale,
+                      kinetic_energy=kinetic if energy_kept else None, potential_energy=potential if energy_kept else None)
+
+
 @dataclass
 class Statistics:
     """Sums, extremes and per-step values of a run; every field goes into a checkpoint as JSON."""

@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.contact.obstacles import motion
+from engine.contact.surface_roots import follow
 from engine.run.frames import Components, StrandFrame
-from engine.run.statistics import Invariants
+from engine.run.statistics import Invariants, kept
 from engine.scene.build import build
 from engine.scene.schema import Scene
 from engine.steppers.step_report import StepReport
@@ -30,13 +31,14 @@ class StrandsInMotion:
         self.nodes = len(model.mass)
         self._touch = settings.contact != "none"
         self._handles = built.handles
+        self._bodies, self._roots = built.obstacles, built.strand_roots
         self._obstacles = built.obstacles if self._touch and len(built.obstacles.kind) else None
         self._loads = StrandLoads(drag=built.strand_drag)
         self._contacts = 0  # at the end of the last step
         self.report_keys = {"contact_gap_max", "linear_iterations"} if self._touch else set()
         drag = built.strand_drag is not None and bool(np.any(built.strand_drag))
         self._keeps_momentum = not (np.any(model.held) or drag or self._obstacles is not None)
-        moved = np.any(model.held[model.handle >= 0])
+        moved = bool(built.strand_roots) or np.any(model.held[model.handle >= 0])
         self._keeps_energy = not (np.any(model.damping) or drag or moved or self._touch)
         self._mass = float(model.mass.sum())
 
@@ -65,16 +67,8 @@ class StrandsInMotion:
 
     def invariants(self, time: float, energies: dict[str, float]) -> Invariants:
         """Momentum where nothing holds or brakes the strands, energy where nothing but implicit Euler dissipates it."""
-        kept: dict = {}
-        if self._keeps_momentum:
-            impulse = self._mass * self.gravity * time
-            kept["momentum"] = observe.momentum(self.model, self.state) - impulse
-            # a bound of what cancels in the sum, so that a body at rest in total has a scale as well
-            speed = np.sqrt(2 * energies["kinetic"] / self._mass)
-            kept["momentum_scale"] = float(max(np.linalg.norm(impulse), self._mass * speed))
-        if self._keeps_energy:
-            kept["kinetic_energy"], kept["potential_energy"] = energies["kinetic"], energies["potential"]
-        return Invariants(**kept)
+        momentum = observe.momentum(self.model, self.state) if self._keeps_momentum else None
+        return kept(momentum, self._mass * self.gravity * time, self._mass, energies, self._keeps_energy)
 
     def components(self) -> Components:
         """Return the strands as they are drawn."""
@@ -90,7 +84,10 @@ class StrandsInMotion:
 
     def _advance(self, state: StrandState, time: float, h: float) -> StepReport:
         obstacles = None if self._obstacles is None else motion(self._obstacles, self._handles, time, h)
-        return self.stepper.step(state, h, self._loads, given(self.model, state, self._handles, time, h), obstacles)
+        x, turn = given(self.model, state, self._handles, time, h)
+        for held in self._roots:
+            follow(held, self.model, state, self._bodies, self._handles, time, h, x, turn)
+        return self.stepper.step(state, h, self._loads, (x, turn), obstacles)
 
 
 def _state_of(arrays: dict[str, NDArray]) -> StrandState:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.run.frames import Components, YarnFrame
-from engine.run.statistics import Invariants
+from engine.run.statistics import Invariants, kept
 from engine.scene.build import build
 from engine.scene.schema import Scene
 from engine.steppers.step_report import StepReport
@@ -69,17 +69,8 @@ class YarnsInMotion:
 
     def invariants(self, time: float, energies: dict[str, float]) -> Invariants:
         """Momentum where nothing holds or brakes the yarns, energy where besides nothing dissipates it."""
-        kept: dict = {}
-        if self._keeps_momentum:
-            impulse = self._mass * self.gravity * time
-            momentum = observe.momentum(self.model, self.state)
-            kept["momentum"] = momentum - impulse
-            # a bound of what cancels in the sum, so that a body at rest in total has a scale as well
-            speed = np.sqrt(2 * energies["kinetic"] / self._mass)
-            kept["momentum_scale"] = float(max(np.linalg.norm(impulse), self._mass * speed))
-        if self._keeps_energy:
-            kept["kinetic_energy"], kept["potential_energy"] = energies["kinetic"], energies["potential"]
-        return Invariants(**kept)
+        momentum = observe.momentum(self.model, self.state) if self._keeps_momentum else None
+        return kept(momentum, self._mass * self.gravity * time, self._mass, energies, self._keeps_energy)
 
     def components(self) -> Components:
         """Return the yarns as they are drawn."""

@@ -19,6 +19,7 @@ from engine.yarns.settings import YarnSettings
 
 if TYPE_CHECKING:  # kernels are imported only for the components that a scene has
     from engine.contact.sphere_packing import Collisions
+    from engine.contact.surface_roots import SurfaceRoots
     from engine.strands.model import StrandModel, StrandState
     from engine.yarns.model import YarnModel, YarnState
 
@@ -37,6 +38,7 @@ class Built:
     strand_state: "StrandState | None"
     strand_drag: Floats | None  # force over velocity, of vertices [N s/m], shape [V]; None where nothing drags
     strand_settings: StrandSettings
+    strand_roots: "tuple[SurfaceRoots, ...]"  # held by bodies that change their shape
     handles: Handles
     obstacles: Obstacles
     gravity: Floats  # [m/s^2], shape [3]
@@ -45,14 +47,17 @@ class Built:
 def build(scene: Scene) -> Built:
     """Build a scene that `load_scene` accepted."""
     yarns = state = collisions = strands = strand_state = strand_drag = None
+    obstacles = _obstacles(scene)
+    strand_roots: tuple[SurfaceRoots, ...] = ()
     if scene.yarns or scene.fabrics:
         from engine.scene.yarns import build_yarns
 
         yarns, state, collisions = build_yarns(scene)
     if scene.strands:
-        from engine.scene.strands import build_strands
+        from engine.scene.strands import build_strands, roots_on_changing_bodies
 
         strands, strand_state, strand_drag = build_strands(scene)
+        strand_roots = roots_on_changing_bodies(scene, strands, strand_state, obstacles)
     return Built(
         yarns=yarns,
         state=state,
@@ -62,8 +67,9 @@ def build(scene: Scene) -> Built:
         strand_state=strand_state,
         strand_drag=strand_drag,
         strand_settings=StrandSettings(**scene.strand_step.model_dump()),
+        strand_roots=strand_roots,
         handles=scripted_handles(scene.script),
-        obstacles=_obstacles(scene),
+        obstacles=obstacles,
         gravity=np.array(scene.gravity),
     )
 

@@ -11,6 +11,7 @@ import numpy as np
 from engine.contact.surface import SampledSurface, Surface, sampled, samples_along
 from engine.scene.beside import read_beside, unread
 from engine.scene.materials import known_materials
+from engine.scene.mesh_shapes import SHAPE_VERTEX_LIMIT, later_shapes, shape_problems
 from engine.scene.problems import Problem, SceneError, shown
 from engine.scene.schema import Mesh, Scene
 
@@ -22,7 +23,7 @@ DIVISIONS = 64  # of the longest side of a mesh, by default
 
 
 def read_mesh_files(document: Any, directory: Path | None) -> None:
-    """Replace `file` of every mesh in a scene's `document` by the vertices and faces in it.
+    """Replace `file` of every mesh in a scene's `document` by the vertices and faces in it, and those of shapes by vertices.
 
     Files are looked up in `directory`, that of the scene's own file, and nowhere else; a scene that comes from no file
     has none (None), and its meshes are left as they are, for `mesh_problems` to refuse. Raises SceneError.
@@ -31,10 +32,20 @@ def read_mesh_files(document: Any, directory: Path | None) -> None:
     for i, entry in enumerate(obstacles if isinstance(obstacles, list) else []):
         if directory is None or not isinstance(entry, dict) or entry.get("shape") != "mesh":
             continue
+        shapes = entry.get("shapes") or []
         if isinstance(name := entry.get("file"), str) and not entry.get("vertices") and not entry.get("faces"):
-            surface = _read(f"obstacles[{i}].file", name, directory)
+            surface = _read(f"obstacles[{i}].file", name, directory, as_it_is=bool(shapes))
             del entry["file"]
             entry["vertices"], entry["faces"] = surface.vertices.tolist(), surface.faces.tolist()
+        for k, shape in enumerate(shapes if isinstance(shapes, list) else []):
+            if isinstance(shape, dict) and isinstance(name := shape.get("file"), str) and not shape.get("vertices"):
+                path = f"obstacles[{i}].shapes[{k}].file"
+                surface = _read(path, name, directory, as_it_is=True)
+                if surface.faces.tolist() != entry.get("faces"):
+                    raise SceneError([Problem(path, f"{shown(name)} has other triangles than the mesh",
+                                              "the same ones, their vertices in the same order")])
+                del shape["file"]
+                shape["vertices"] = surface.vertices.tolist()
 
 
 def mesh_problems(scene: Scene) -> Iterator[Problem]:
@@ -42,6 +53,9 @@ def mesh_problems(scene: Scene) -> Iterator[Problem]:
     reach = contact_reach(scene)
     if sum(len(mesh.faces) for mesh in scene.obstacles if isinstance(mesh, Mesh)) > FACE_LIMIT:
         yield Problem("obstacles", "their meshes have too many triangles", f"at most {FACE_LIMIT:,} in all")
+    shapes = [shape for mesh in scene.obstacles if isinstance(mesh, Mesh) for shape in mesh.shapes]
+    if sum(len(shape.vertices) for shape in shapes) > SHAPE_VERTEX_LIMIT:
+        yield Problem("obstacles", "the shapes of their meshes have too many vertices", f"at most {SHAPE_VERTEX_LIMIT:,} in all")
     for i, mesh in enumerate(scene.obstacles):
         if not isinstance(mesh, Mesh):
             continue
@@ -51,7 +65,8 @@ def mesh_problems(scene: Scene) -> Iterator[Problem]:
         elif mesh.file is not None:
             yield unread(f"{path}.file", "vertices and faces")
         else:
-            yield from _surface_problems(path, mesh, reach)
+            problems = list(_surface_problems(path, mesh, reach))
+            yield from problems or shape_problems(path, mesh)
 
 
 def contact_reach(scene: Scene) -> float:
@@ -69,7 +84,7 @@ def contact_reach(scene: Scene) -> float:
 def sampled_mesh(mesh: Mesh, reach: float) -> SampledSurface:
     """Return a mesh that has no problems, sampled so that contact at distances up to `reach` [m] is felt."""
     surface = surface_of(mesh)
-    return sampled(surface, mesh.resolution or _default_resolution(surface), reach)
+    return sampled(surface, mesh.resolution or _default_resolution(surface), reach, later_shapes(mesh, surface))
 
 
 def _default_resolution(surface: Surface) -> float:
@@ -106,20 +121,20 @@ def _surface_problems(path: str, mesh: Mesh, reach: float) -> Iterator[Problem]:
         yield Problem(path, "has triangles without area, or no volume", "a body")
     else:
         spacing = mesh.resolution or _default_resolution(surface)
-        count = float(np.prod(samples_along(surface.extent, spacing, reach)))
+        count = float(np.prod(samples_along(surface.extent, spacing, reach))) * (1 + len(mesh.shapes))
         if count > SAMPLE_LIMIT:
             yield Problem(f"{path}.resolution", f"{spacing:.3g} m takes {count:.2g} samples of the distance",
                           f"at most {SAMPLE_LIMIT:,}: a coarser resolution")
 
 
-def _read(path: str, name: str, directory: Path) -> Surface:
-    """Read a mesh; `path` is where the scene names it."""
+def _read(path: str, name: str, directory: Path, as_it_is: bool) -> Surface:
+    """Read a mesh, with all its vertices in their order if `as_it_is`; `path` is where the scene names it."""
     content, kind = read_beside(path, name, directory, FILE_TYPES, FILE_LIMIT)
     try:
         import trimesh
 
         # bytes lead to no other files, such as materials
-        found = trimesh.load_scene(BytesIO(content), file_type=kind).to_mesh()
+        found = trimesh.load_scene(BytesIO(content), file_type=kind, process=not as_it_is, maintain_order=as_it_is).to_mesh()
     except Exception as error:  # whatever a reader of a foreign format comes upon
         raise SceneError([Problem(path, f"{shown(name)} cannot be read as {kind}: {type(error).__name__}")]) from None
     return Surface(np.asarray(found.vertices, float), np.asarray(found.faces, np.int64))

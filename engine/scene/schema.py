@@ -249,6 +249,17 @@ class Cylinder(_Solid):
     height: Length
 
 
+class MeshShape(Part):
+    """What a mesh has become at a time."""
+
+    time: Annotated[float, Field(gt=0, le=1e6)]
+    """[s]; at 0 s the mesh has its own vertices."""
+    file: Annotated[str, Field(min_length=1, max_length=255)] | None = None
+    """A file as that of the mesh with the same triangles in the same order; this or `vertices`."""
+    vertices: Many[Vector] = ()
+    """The vertices of the mesh, in their order, where they are then, in the body's own frame [m]."""
+
+
 class Mesh(_Solid):
     """A body with a closed surface of triangles, felt through samples of its distance."""
 
@@ -261,6 +272,10 @@ class Mesh(_Solid):
     """Triangles as indices of three vertices, all turned the same way seen from outside."""
     resolution: Length | None = None
     """Spacing of the samples [m], by default 1/64 of the longest side; edges are rounded by about as much."""
+    shapes: Few[MeshShape] = ()
+    """What it changes to, by ascending time: vertices move evenly from one shape to the next and rest after the last. Strands
+    of a groom on it go with the triangles that they grow on, and turn with them; all that touches it feels the new shape.
+    Friction drags along as `handle` moves it, not as the shape changes."""
 
 
 Obstacle = Annotated[Plane | Box | Sphere | Cylinder | Mesh, Field(discriminator="shape")]

@@ -22,6 +22,7 @@ class SizeEstimate:
 
     nodes: int
     points: int
+    strands: int
     strand_vertices: int
     frames: int
     steps: int  # at the default step
@@ -29,11 +30,12 @@ class SizeEstimate:
 
 @dataclass(frozen=True)
 class PartSize:
-    """Points and nodes of yarns, and vertices of strands, that come from one part of a scene."""
+    """Points and nodes of yarns, and strands and their vertices, that come from one part of a scene."""
 
     path: str
-    points: int
-    nodes: int
+    points: int = 0
+    nodes: int = 0
+    strands: int = 0
     strand_vertices: int = 0
 
 
@@ -46,6 +48,7 @@ def estimate(scene: Scene) -> SizeEstimate:
     return SizeEstimate(
         nodes=sum(part.nodes for part in parts),
         points=sum(part.points for part in parts),
+        strands=sum(part.strands for part in parts),
         strand_vertices=sum(part.strand_vertices for part in parts),
         frames=frames,
         # frames shorten steps, so that one ends at every frame
@@ -74,7 +77,8 @@ def part_sizes(scene: Scene) -> Iterator[PartSize]:
                 count = sum(len(yarn) for _, _, yarn, _ in edge_crossings(scene, box, fabric, patches[fabric.name]))
                 yield PartSize(f"obstacles[{i}].edges", count, count)
     for i, group in enumerate(scene.strands):
-        yield PartSize(f"strands[{i}]", 0, 0, sum(group.vertex_counts))
+        counts = group.vertex_counts
+        yield PartSize(f"strands[{i}]", strands=len(counts), strand_vertices=sum(counts))
 
 
 def excesses(scene: Scene) -> Iterator[Problem]:

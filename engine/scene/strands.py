@@ -5,6 +5,8 @@ from math import pi
 import numpy as np
 
 from engine.arrays import Flags, Floats, Ints
+from engine.contact.obstacles import Obstacles
+from engine.contact.surface_roots import SurfaceRoots, rooted
 from engine.scene.groom import at_even_distances, grown
 from engine.scene.handles import handle_numbers
 from engine.scene.materials import Material, known_materials
@@ -41,6 +43,23 @@ def build_strands(scene: Scene) -> tuple[StrandModel, StrandState, Floats | None
     damping = np.array([known[group.material].mass_damping for group in scene.strands])
     of_vertex = np.repeat(damping[model.group], np.diff(model.start))
     return model, state, of_vertex * model.mass if of_vertex.any() else None
+
+
+def roots_on_changing_bodies(
+    scene: Scene, model: StrandModel, state: StrandState, obstacles: Obstacles
+) -> tuple[SurfaceRoots, ...]:
+    """Return what bodies that change their shape hold: the roots of grooms on them which no handle of their own carries."""
+    number = {obstacle.name: o for o, obstacle in enumerate(scene.obstacles)}
+    of_strand, found = model.group, []
+    for index, group in enumerate(scene.strands):
+        o = number.get(group.groom.on) if group.groom is not None and group.groom.on is not None else None
+        if o is None or not getattr(scene.obstacles[o], "shapes", ()) or group.root.handle is not None:
+            continue
+        gripped = _GRIPPED[group.ends(None)[0].hold or "free"]
+        root = np.repeat(model.start[:-1][of_strand == index], gripped)
+        vertex = root + np.tile(np.arange(gripped), len(root) // max(gripped, 1))
+        found.append(rooted(obstacles, o, state.x, root, vertex))
+    return tuple(found)
 
 
 def strand_material(material: Material, width_ratio: float = 1.0) -> StrandMaterial:

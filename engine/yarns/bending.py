@@ -7,7 +7,8 @@ for every number of segments.
 import numpy as np
 from numba import njit
 
-SHORTEST = 1e-100  # length of an edge whose ends coincide: its square is no zero yet [m]
+from engine.geometry.edge_angle import edge_angle
+
 STRAIGHT = 1e-13  # sine of the angle below which the plane of bending is arbitrary: what force that turns is round-off
 
 # how the edges a = x0 - x-, b = x+ - x0 and the span D = u+ - u- depend on the three nodes
@@ -95,22 +96,7 @@ def _bend(x, a, i, b, t, s, n, m):
     Writes the unit tangents t and s, and the unit directions n and m in the plane of bending in which theta grows when
     the first point (n) or the last (m) moves.
     """
-    la = lb = 0.0
-    for k in range(3):
-        t[k] = x[i, k] - x[a, k]
-        s[k] = x[b, k] - x[i, k]
-        la += t[k] * t[k]
-        lb += s[k] * s[k]
-    la, lb = max(np.sqrt(la), SHORTEST), max(np.sqrt(lb), SHORTEST)
-    cosine = sine = 0.0
-    for k in range(3):
-        t[k] /= la
-        s[k] /= lb
-        cosine += t[k] * s[k]
-    for k in range(3):
-        c = t[(k + 1) % 3] * s[(k + 2) % 3] - t[(k + 2) % 3] * s[(k + 1) % 3]
-        sine += c * c
-    sine = np.sqrt(sine)
+    la, lb, cosine, sine = edge_angle(x, a, i, i, b, t, s)
     if sine > STRAIGHT:
         for k in range(3):
             n[k] = (s[k] - cosine * t[k]) / sine

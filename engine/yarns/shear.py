@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit, prange
 
 from engine.arrays import Floats, Ints
+from engine.geometry.edge_angle import edge_angle
 from engine.linalg.block_matrix import locate
 from engine.yarns.model import PointKind, YarnModel, YarnState
 from engine.yarns.topology import Chain
@@ -199,22 +200,7 @@ def _angle(x, a, b, c, d, t, s, n, m):
     Writes their unit directions t and s, and the unit directions n and m in their plane in which phi grows when b (n) or
     d (m) moves.
     """
-    la = lc = 0.0
-    for k in range(3):
-        t[k] = x[b, k] - x[a, k]
-        s[k] = x[d, k] - x[c, k]
-        la += t[k] * t[k]
-        lc += s[k] * s[k]
-    la, lc = max(np.sqrt(la), 1e-100), max(np.sqrt(lc), 1e-100)
-    cosine = sine = 0.0
-    for k in range(3):
-        t[k] /= la
-        s[k] /= lc
-        cosine += t[k] * s[k]
-    for k in range(3):
-        c_k = t[(k + 1) % 3] * s[(k + 2) % 3] - t[(k + 2) % 3] * s[(k + 1) % 3]
-        sine += c_k * c_k
-    sine = np.sqrt(sine)
+    la, lc, cosine, sine = edge_angle(x, a, b, c, d, t, s)
     for k in range(3):
         n[k] = (cosine * t[k] - s[k]) / max(sine, ALIGNED)
         m[k] = (cosine * s[k] - t[k]) / max(sine, ALIGNED)

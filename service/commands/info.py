@@ -47,13 +47,13 @@ def scenes(
         out.print_json(json.dumps({key: {"duration": scene.duration, **vars(estimate(scene))}
                                    for key, scene in rows.items()}))
         return
-    table = Table(box=None)
-    for column in ("scene", "nodes", "points", "simulated", "steps", "frames"):
-        table.add_column(column, justify="left" if column == "scene" else "right")
+    table = Table(box=None, pad_edge=False, collapse_padding=True)
+    for column in ("scene", "points", "strands", "vertices", "simulated", "steps", "frames"):
+        table.add_column(column, justify="left" if column == "scene" else "right", no_wrap=True)
     for key, scene in rows.items():
         guess = estimate(scene)
-        table.add_row(key, number(guess.nodes), number(guess.points), duration(scene.duration), number(guess.steps),
-                      number(guess.frames))
+        has = (number(count or None) for count in (guess.points, guess.strands, guess.strand_vertices))
+        table.add_row(key, *has, duration(scene.duration), number(guess.steps), number(guess.frames))
     out.print(table)
 
 

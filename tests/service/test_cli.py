@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 import engine.bench.suite
 import engine.validate.catalogue
-from engine.scene.load import shipped_scenes
+from engine.scene.load import load_scene, shipped_scenes
+from engine.scene.size import estimate
 from service.cli import main
 from service.commands import serve
 from tests.service.conftest import wait_for
@@ -221,6 +222,11 @@ def test_bench_prints_its_rows(monkeypatch):
 def test_information():
     assert "duration" in json.loads(strandline("schema").stdout)["properties"]
     assert set(json.loads(strandline("scenes", "--json").stdout)) == set(shipped_scenes())
+    table = strandline("scenes").output
+    assert "tablecloth-small-friction" in table, "names are whole"
+    strand = next(line.split() for line in table.splitlines() if line.startswith("strand-over-cylinder"))
+    size = estimate(load_scene(shipped_scenes()["strand-over-cylinder"]))
+    assert strand[1:4] == ["–", str(size.strands), str(size.strand_vertices)]
     assert strandline("scenes", "quickstart").stdout == shipped_scenes()["quickstart"].read_text()
     assert strandline("scenes", "nothing").exit_code == 2
     findings = json.loads(strandline("doctor", "--json").stdout)

@@ -1,18 +1,15 @@
 """The pages in a real browser, with real workers: submit a scene, see it finish, read its report."""
 
 import json
-import shutil
 
 import httpx
 import pytest
-from playwright.sync_api import expect, sync_playwright
+from playwright.sync_api import expect
 
 from engine.scene.load import shipped_scenes
+from tests.browser import chromium
 from tests.service.conftest import serving, wait_for
 
-FLAGS = ["--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-         "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-         "--disable-sync", "--disable-dev-shm-usage", "--hide-scrollbars"]
 PATIENCE = 300_000  # the first run after an edit compiles all kernels [ms]
 
 
@@ -32,12 +29,8 @@ def finished(site):
 
 @pytest.fixture(scope="module")
 def browser():
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    assert chromium, "these tests drive the system's Chromium: install the package chromium"
-    with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+    with chromium() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.fixture
@@ -84,6 +77,25 @@ def test_a_running_job_is_cancelled_by_its_button(page, tmp_path):
     expect(card).to_contain_text("time left", timeout=PATIENCE)
     card.get_by_role("button", name="Cancel").click()
     expect(card.locator(".state")).to_have_text("cancelled", timeout=2000)
+    assert page.complaints == []
+
+
+def test_what_waits_says_how_large_it_is(page, tmp_path):
+    page.locator("#file").set_input_files(scene_file(tmp_path, name="first", duration=1000.0))
+    first = page.locator(".card", has_text="first")
+    expect(first.locator(".state")).to_have_text("running", timeout=PATIENCE)
+    waiting = {"knot-pull": "1 strand with 140 vertices", "curly-hair-swing": "100 strands with 6 400 vertices",
+               "chain-over-peg": "21 points"}
+    for scene, extent in waiting.items():
+        page.get_by_label("Scene", exact=True).select_option(scene)
+        page.get_by_role("button", name="Run").click()
+        card = page.locator(".card", has_text=scene)
+        expect(card.locator(".waiting")).to_contain_text(f"Waiting for a free worker: {extent}, about")
+        page.screenshot(path=tmp_path / f"{scene}.png")
+        card.get_by_role("button", name="Cancel").click()
+        expect(card.locator(".state")).to_have_text("cancelled")
+    first.get_by_role("button", name="Cancel").click()
+    expect(first.locator(".state")).to_have_text("cancelled", timeout=2000)
     assert page.complaints == []
 
 

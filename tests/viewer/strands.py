@@ -1,17 +1,18 @@
 """Strands made up by formula: a job directory of two tufts that sway past a ball, and a frame as large as hair gets."""
 
-import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
-from engine.run.frames import Frame, StrandFrame, write_frame
+from engine.run.frames import Frame, StrandFrame
 from engine.scene.build import Built, build
 from engine.scene.load import load_scene
 from engine.scene.schema import Scene
 from engine.strands import observe
+from tests.viewer import jobs
 
 RADIUS = 6e-4
 VERTICES = 17
@@ -58,21 +59,29 @@ def frame(index: int) -> Frame:
     state.x[:, 0] += 0.4 * index * depth**2
     state.x[:, 2] *= 1 + 2e-4 * index
     state.vertex_contact_force = 1e-4 * index * np.maximum(depth - 0.05, 0.0)
-    series = {
-        "dt": 1e-3, "newton_iterations": 3.0 + index % 2, "linear_iterations": 20.0, "contact_gap": 1e-4,
-        "residual": 10.0 ** (-7 - 0.1 * (index % 5)), "kinetic_energy": 1e-4 * index, "potential_energy": 1e-2 - 1e-4 * index,
-        "strand_vertices": float(len(depth)), "contacts": 5.0 * index,
-    }  # fmt: skip
+    series = jobs.series_of(index, strand_vertices=float(len(depth)), contacts=5.0 * index)
     return Frame(index, index / 30, index * 33, strands=StrandFrame(**observe.strand_frame_arrays(model, state)), series=series)
 
 
 def write_job(directory: Path, frames: int, state: str = "succeeded") -> None:
     """Make `directory` a job directory with that many frames."""
-    directory.mkdir(parents=True)
-    (directory / "scene.json").write_text(json.dumps(SCENE))
-    (directory / "job.json").write_text(json.dumps({"state": state}))
-    for index in range(frames):
-        write_frame(directory, frame(index))
+    jobs.write_job(directory, SCENE, map(frame, range(frames)), state)
+
+
+def on_a_swelling_ball() -> dict:
+    """The scene with a ball in it that swells to 1.4 times its size in a tenth of a second."""
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
+    swollen = {"time": 0.1, "vertices": (1.4 * ball.vertices).tolist()}
+    return SCENE | {"obstacles": [{
+        "shape": "mesh", "vertices": ball.vertices.tolist(), "faces": ball.faces.tolist(), "shapes": [swollen],
+    }]}  # fmt: skip
+
+
+def write_falling_job(directory: Path) -> None:
+    """Make `directory` a job directory of two frames, between which the tufts fall 4 m."""
+    first, last = frame(0), frame(1)
+    last.strands.positions[:, 2] -= 4.0
+    jobs.write_job(directory, SCENE, [first, last])
 
 
 def curled(strands: int, vertices: int, groups: int = 1) -> StrandFrame:
@@ -100,12 +109,9 @@ def large() -> StrandFrame:
 
 def write_large_job(directory: Path) -> None:
     """Make `directory` a job directory of one frame of them; the scene has a strand only, for none of them is read there."""
-    directory.mkdir(parents=True)
     ball = {"shape": "sphere", "radius": 0.1}
     one = SCENE["strands"][0] | {"curves": SCENE["strands"][0]["curves"][:1]}
-    (directory / "scene.json").write_text(json.dumps(SCENE | {"strands": [one], "obstacles": [ball]}))
-    (directory / "job.json").write_text(json.dumps({"state": "succeeded"}))
-    write_frame(directory, Frame(0, 0.0, 0, strands=large()))
+    jobs.write_job(directory, SCENE | {"strands": [one], "obstacles": [ball]}, [Frame(0, 0.0, 0, strands=large())])
 
 
 def without_contact(strands: StrandFrame) -> StrandFrame:

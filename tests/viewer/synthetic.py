@@ -1,17 +1,17 @@
 """A job directory made up by formula: two small cloths on a table that sag and slide, no simulation needed."""
 
-import json
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from engine.run.frames import Frame, YarnFrame, write_frame
+from engine.run.frames import Frame, YarnFrame
 from engine.scene.build import Built, build
 from engine.scene.load import load_scene
 from engine.scene.schema import Scene
 from engine.yarns import observe
 from engine.yarns.model import PointKind
+from tests.viewer import jobs
 
 RADIUS = 0.00225
 SCENE = {
@@ -58,21 +58,13 @@ def frame(index: int) -> Frame:
     state.eil[first[contact & (over > 0)]] = True
     state.eil[second[contact & (over > 0.002)]] = True
     count = observe.counts(model, state)
-    series = {
-        "dt": 1e-3, "newton_iterations": 3.0 + index % 2, "linear_iterations": 40.0, "contact_gap": 1e-4,
-        "residual": 10.0 ** (-5 - 0.1 * (index % 5)), "kinetic_energy": 1e-4 * index,
-        "potential_energy": 1e-2 - 1e-4 * index, **{name: float(value) for name, value in count.items()},
-    }  # fmt: skip
+    series = jobs.series_of(index, **{name: float(value) for name, value in count.items()})
     return Frame(index, index / 30, index * 33, YarnFrame(**observe.yarn_frame_arrays(model, state)), series=series)
 
 
 def write_job(directory: Path, frames: int, state: str = "succeeded") -> None:
     """Make `directory` a job directory with that many frames."""
-    directory.mkdir(parents=True)
-    (directory / "scene.json").write_text(json.dumps(SCENE))
-    (directory / "job.json").write_text(json.dumps({"state": state}))
-    for index in range(frames):
-        write_frame(directory, frame(index))
+    jobs.write_job(directory, SCENE, map(frame, range(frames)), state)
 
 
 LARGE_SCENE = {
@@ -108,7 +100,4 @@ def large() -> tuple[Built, YarnFrame]:
 
 def write_large_job(directory: Path) -> None:
     """Make `directory` a job directory of one frame of the large cloths."""
-    directory.mkdir(parents=True)
-    (directory / "scene.json").write_text(json.dumps(LARGE_SCENE))
-    (directory / "job.json").write_text(json.dumps({"state": "succeeded"}))
-    write_frame(directory, Frame(0, 0.0, 0, large()[1]))
+    jobs.write_job(directory, LARGE_SCENE, [Frame(0, 0.0, 0, large()[1])])

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -10,21 +12,21 @@ from viewer import layers
 from viewer.lay import lay_out, layout_of, yarn_lifts
 
 
+def assert_joins_consecutive(segments: layers.Segments, positions, offsets, radius: float) -> None:
+    """One segment between each place and the next on the same line."""
+    expected = [positions[k : k + 2] for first, end in pairwise(offsets) for k in range(first, end - 1)]
+    assert np.array_equal(segments.points, np.array(expected, np.float32))
+    assert segments.colours.shape == segments.points.shape and segments.colours.dtype == np.uint8
+    assert np.allclose(segments.radii, radius)
+
+
 @pytest.fixture(scope="module")
 def yarns() -> YarnFrame:
     return synthetic.frame(5).yarns
 
 
 def test_segments_join_consecutive_line_nodes_of_each_yarn(yarns):
-    segments = layers.yarn_segments(yarns)
-    expected = [
-        yarns.line_positions[k : k + 2]
-        for first, end in zip(yarns.line_offsets[:-1], yarns.line_offsets[1:], strict=True)
-        for k in range(first, end - 1)
-    ]
-    assert np.array_equal(segments.points, np.array(expected, np.float32))
-    assert segments.colours.shape == segments.points.shape and segments.colours.dtype == np.uint8
-    assert np.allclose(segments.radii, synthetic.RADIUS)
+    assert_joins_consecutive(layers.yarn_segments(yarns), yarns.line_positions, yarns.line_offsets, synthetic.RADIUS)
 
 
 def test_fabrics_have_distinct_colours_green_lowest(yarns):

@@ -2,7 +2,6 @@
 
 import io
 import re
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,17 +10,13 @@ import httpx
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Page, expect
 
 from engine.run.frames import write_frame
-from tests.viewer import strands, synthetic
+from tests.browser import chromium
+from tests.viewer import jobs, strands, synthetic
 from viewer.server import LiveViewer
 
-FLAGS = (
-    "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --disable-quic --no-first-run "
-    "--disable-background-networking --disable-component-update --disable-sync --disable-dev-shm-usage "
-    "--hide-scrollbars"
-).split()
 FRAMES = 10
 PATIENCE = 90_000  # a processor that has other work takes seconds to draw [ms]
 
@@ -33,6 +28,8 @@ def data(tmp_path_factory) -> Path:
     synthetic.write_job(path / "running", 3, state="running")
     synthetic.write_large_job(path / "large")
     strands.write_job(path / "tufts", 4)
+    strands.write_falling_job(path / "falling")
+    jobs.write_job(path / "swelling", strands.on_a_swelling_ball(), map(strands.frame, range(4)))
     strands.write_large_job(path / "hair")
     return path
 
@@ -46,15 +43,11 @@ def viewer(data) -> Iterator[LiveViewer]:
 
 @pytest.fixture(scope="module")
 def page(viewer) -> Iterator[Page]:
-    chromium = shutil.which("chromium")
-    assert chromium, "the viewer's tests need Chromium: install the package chromium"
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+    with chromium() as browser:
         page = browser.new_page(viewport={"width": 760, "height": 460})
         page.set_default_timeout(PATIENCE)
         expect.set_options(timeout=PATIENCE)
         yield page
-        browser.close()
 
 
 def url(viewer: LiveViewer, job: str) -> str:
@@ -181,6 +174,37 @@ def test_strands_are_drawn_in_the_colours_of_what_one_asks_for(page, viewer):
     page.get_by_role("checkbox", name="Strands").click()
     bare = picture(page)
     assert not ((bare[..., 2] > 1.3 * bare[..., 0]).mean() > 0.005), "only the ball is left"
+
+
+def test_the_solver_says_how_strands_did(page, viewer):
+    page.goto(url(viewer, "tufts"))
+    expect(page.get_by_text("frame 3 of 3")).to_be_visible()
+    page.get_by_role("tab", name="Solver").click()
+    for name, value in (("Newton iterations", "4"), ("contacts", "15"), ("deepest overlap", "0.0001 radii")):
+        expect(page.locator("div", has=page.get_by_text(name, exact=True)).get_by_text(value, exact=True).last).to_be_visible()
+    expect(page.get_by_text("Deepest overlap, log10")).to_be_attached()
+    expect(page.get_by_text("Widest gap, log10")).to_have_count(0)
+
+
+def test_what_has_fallen_far_is_shown_from_its_beginning(page, viewer):
+    page.goto(url(viewer, "falling"))
+    expect(page.get_by_text("frame 0 of 1")).to_be_visible()
+    tufts = picture(page)
+    assert (tufts[..., 2] > 1.3 * tufts[..., 0]).mean() > 0.005, "and is no speck"
+
+
+def test_a_body_that_changes_is_drawn_in_the_shape_of_the_moment(page, viewer):
+    page.goto(url(viewer, "swelling"))
+    expect(page.get_by_text("frame 3 of 3")).to_be_visible()
+    page.get_by_role("checkbox", name="Strands").click()
+    swollen = picture(page)
+    page.get_by_role("button", name="first").click()
+    expect(page.get_by_text("frame 0 of 3")).to_be_visible()
+    small = picture(page)
+    page.get_by_role("checkbox", name="Obstacles").click()
+    bare = picture(page)
+    area, swollen_area = share_changed(small, bare), share_changed(swollen, bare)
+    assert area > 0.01 and swollen_area / area == pytest.approx(1.4**2, rel=0.15)
 
 
 def test_a_page_goes_from_strands_to_yarns_and_back(page, viewer):

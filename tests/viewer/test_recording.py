@@ -98,6 +98,14 @@ def test_a_recording_of_strands_has_them_by_group_and_in_every_paint(tmp_path):
     assert len(RrdReader(tmp_path / "recording.rrd").blueprints()) == 1
 
 
+def test_a_body_that_changes_is_recorded_in_every_frame(tmp_path):
+    recorder = Recorder(load_scene(strands.on_a_swelling_ball()), tmp_path)
+    for index in range(4):
+        recorder.log(strands.frame(index))
+    recorder.close()
+    assert rows(tmp_path / "recording.rrd")["/obstacles/0"] == 4 + 1, "and one row of triangles, static"
+
+
 def test_a_recorded_head_of_hair_is_as_large_as_it_may_be(tmp_path):
     recorder = Recorder(strands.scene(), tmp_path)
     recorder.log(Frame(0, 0.0, 0, strands=strands.large()))

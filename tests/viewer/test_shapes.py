@@ -5,7 +5,7 @@ from engine.contact.obstacles import ObstacleKind, Obstacles, posed
 from engine.contact.surface import Surface, packed, sampled
 from engine.geometry.handles import Handles
 from viewer.layers import Segments
-from viewer.shapes import box, cylinder, moves, obstacle_mesh, sphere, tubes
+from viewer.shapes import box, changed_vertices, cylinder, moves, obstacle_mesh, sphere, tubes
 
 
 def volume(shape) -> float:
@@ -94,12 +94,26 @@ def test_a_segment_without_length_is_harmless():
     assert np.isfinite(tube.wxyzs).all() and tube.scales[0, 2] == 0
 
 
+def mesh_obstacle(surface: Surface, later=()) -> Obstacles:
+    mesh = sampled(surface, 0.5, 0.1, later)
+    return Obstacles(np.array([ObstacleKind.MESH]), mesh.middle[None], np.eye(3)[None], mesh.size[None], np.zeros(1),
+                     surfaces=packed([mesh]))
+
+
 def test_a_mesh_is_drawn_as_it_is():
     corners, faces = box()
     surface = Surface(corners.astype(float) + 3.0, faces.astype(np.int64))
-    mesh = sampled(surface, 0.5, 0.1)
-    obstacles = Obstacles(
-        np.array([ObstacleKind.MESH]), mesh.middle[None], np.eye(3)[None], mesh.size[None], np.zeros(1),
-        surfaces=packed([mesh]))
+    obstacles = mesh_obstacle(surface)
     drawn = obstacle_mesh(obstacles, 0, np.zeros(3), np.ones(3))
     assert np.allclose(drawn.vertices, surface.vertices) and (drawn.faces == faces).all()
+    assert changed_vertices(obstacles, 1.0) == {}
+
+
+def test_a_mesh_that_changes_is_drawn_as_it_is_then():
+    corners, faces = box()
+    surface = Surface(corners.astype(float) + 3.0, faces.astype(np.int64))
+    wider = surface.vertices * (1.1, 1.0, 1.0)
+    obstacles = mesh_obstacle(surface, [(2.0, wider)])
+    assert np.allclose(obstacle_mesh(obstacles, 0, np.zeros(3), np.ones(3)).vertices, surface.vertices)
+    for time, places in ((0.0, surface.vertices), (1.0, (surface.vertices + wider) / 2), (2.0, wider), (3.0, wider)):
+        assert np.allclose(changed_vertices(obstacles, time)[0], places)

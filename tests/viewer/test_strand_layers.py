@@ -6,6 +6,7 @@ from engine.geometry.handles import no_handles
 from engine.run.frames import StrandFrame
 from tests.viewer import strands as made
 from tests.viewer import synthetic
+from tests.viewer.test_layers import assert_joins_consecutive
 from viewer import layers
 from viewer.scales import SCALES, Scale, colours_of, in_words, limit_of, newtons
 from viewer.strand_detail import vertex_strands
@@ -17,15 +18,7 @@ def strands() -> StrandFrame:
 
 
 def test_segments_are_the_edges_of_each_strand(strands):
-    segments = layers.strand_segments(strands)
-    expected = [
-        strands.positions[k : k + 2]
-        for first, end in zip(strands.offsets[:-1], strands.offsets[1:], strict=True)
-        for k in range(first, end - 1)
-    ]
-    assert np.array_equal(segments.points, np.array(expected, np.float32))
-    assert segments.colours.shape == segments.points.shape and segments.colours.dtype == np.uint8
-    assert np.allclose(segments.radii, made.RADIUS)
+    assert_joins_consecutive(layers.strand_segments(strands), strands.positions, strands.offsets, made.RADIUS)
 
 
 def test_small_frames_are_drawn_as_curves_through_the_vertices(strands):

@@ -1,6 +1,5 @@
 """The coarse correction against its dense formula, and what it is for: stiff cloth in few iterations, of any size."""
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +10,7 @@ from engine.linalg.block_matrix import BLOCK, BlockMatrix, with_pattern
 from engine.linalg.coarse_space import FLAT, RIDGE, SIZE, CoarseSpace, TwoLevels
 from engine.linalg.conjugate_gradient import conjugate_gradient
 from tests.engine.linalg.dense import Identity, blocked, dense, factors, grid, positive
+from tests.engine.threads import on_one_and_two_threads
 
 ROWS, GRID = 24, grid(4, 6)
 FOLLOWS = np.vstack([np.eye(3), np.zeros((2, 3))])  # x moves with its body, u does not
@@ -194,19 +194,16 @@ def test_a_stiff_sheet_takes_few_iterations_that_do_not_grow_with_its_size(dtype
     assert together.max() <= together.min() + 3
 
 
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="no second thread")
 def test_the_same_to_the_bit_on_any_number_of_threads():
     a, place, _ = sheet(12, 60)
     rng = np.random.default_rng(0)
     response, b = rng.normal(size=(a.rows, 2, BLOCK, 3)).astype(np.float32), rng.normal(size=(a.rows, BLOCK))
     body = np.column_stack([place[:, 0] > 30.0, np.where(place[:, 1] > 9.0, place[:, 0] <= 30.0, -1)]).astype(np.int64)
-    ends, now = [], numba.get_num_threads()
-    try:
-        for threads in (1, 2):
-            numba.set_num_threads(threads)
-            coarse = CoarseSpace(a, place, body, response, 4.0)
-            coarse.refresh()
-            ends.append(correction(coarse, b).tobytes())
-    finally:
-        numba.set_num_threads(now)
-    assert ends[0] == ends[1]
+
+    def corrected():
+        coarse = CoarseSpace(a, place, body, response, 4.0)
+        coarse.refresh()
+        return correction(coarse, b).tobytes()
+
+    one, two = on_one_and_two_threads(corrected)
+    assert one == two

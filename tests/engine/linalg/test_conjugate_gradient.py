@@ -1,6 +1,5 @@
 """Preconditioned conjugate gradients against dense solves."""
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +8,7 @@ from hypothesis import strategies as st
 from engine.linalg.block_matrix import BLOCK
 from engine.linalg.conjugate_gradient import LOOKS, conjugate_gradient, largest_eigenvalue
 from tests.engine.linalg.dense import Identity, blocked, chain, dense, factors, grid, positive
+from tests.engine.threads import on_one_and_two_threads
 
 GRID = grid(4, 3)
 
@@ -102,20 +102,11 @@ def test_the_same_to_the_bit_when_repeated():
     np.testing.assert_array_equal(solved(full, b, GRID)[0], solved(full, b, GRID)[0])
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_the_same_to_the_bit_on_any_number_of_threads(threads):
-    if threads > numba.config.NUMBA_NUM_THREADS:
-        pytest.skip("no second thread")
+def test_the_same_to_the_bit_on_any_number_of_threads():
     rng = np.random.default_rng(4)
     pairs = grid(4, 150)  # rows for two chunks of the sums, and for several strips
     full, b = positive(rng, 600, pairs), rng.normal(size=(600, BLOCK))
-    now = numba.get_num_threads()
-    numba.set_num_threads(threads)
-    try:
-        x, iterations, _ = solved(full, b, pairs)
-    finally:
-        numba.set_num_threads(now)
-    one, same, _ = solved(full, b, pairs)
+    (x, iterations, _), (one, same, _) = on_one_and_two_threads(lambda: solved(full, b, pairs))
     np.testing.assert_array_equal(x, one)
     assert iterations == same
 

@@ -1,6 +1,5 @@
 """Block incomplete Cholesky: exact where nothing fills in, an approximate inverse elsewhere, none if indefinite."""
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +8,7 @@ from hypothesis import strategies as st
 from engine.linalg.block_matrix import BLOCK
 from engine.linalg.incomplete_cholesky import FIRST_SHIFT, factorise, next_shift
 from tests.engine.linalg.dense import blocked, chain, dense, factors, grid, positive, reference_factor, reference_solve
+from tests.engine.threads import on_one_and_two_threads
 
 LOOP = [(0, 1), (1, 2), (2, 3), (0, 3), (0, 2), (3, 4)]
 
@@ -170,21 +170,18 @@ def test_the_factors_are_those_of_elimination_row_after_row(shape, strips):
     np.testing.assert_allclose(out, reference_solve(wanted, b), atol=1e-9)
 
 
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="no second thread")
 @STRIPS
 def test_the_same_to_the_bit_on_any_number_of_threads(shape, strips):
     a, _ = blocked(*graph(shape, 2))
     b = np.random.default_rng(3).normal(size=(a.rows, BLOCK))
-    ends, now = [], numba.get_num_threads()
-    try:
-        for threads in (1, 2):
-            numba.set_num_threads(threads)
-            found, out = factors(a), np.empty_like(b)
-            found.solve(b, out)
-            ends.append([values.tobytes() for values in (found.lower, found.inverse, out)])
-    finally:
-        numba.set_num_threads(now)
-    assert ends[0] == ends[1]
+
+    def solution():
+        found, out = factors(a), np.empty_like(b)
+        found.solve(b, out)
+        return [values.tobytes() for values in (found.lower, found.inverse, out)]
+
+    one, two = on_one_and_two_threads(solution)
+    assert one == two
 
 
 @STRIPS

@@ -11,6 +11,7 @@ import pytest
 from engine.run.frames import frame_paths, read_frame
 from engine.run.simulation import run
 from engine.scene.load import load_scene
+from tests.engine.run.outputs import assert_goes_on, assert_the_same_on_two_threads, stop_after, whole_run
 
 ROOT = Path(__file__).resolve().parents[3]
 PATCH = {"material": "cotton-fine", "spacing": 0.01, "friction": 0.3}
@@ -25,15 +26,9 @@ SLIDING_PATCHES = {
 }
 
 
-def contents(directory: Path) -> dict[str, bytes]:
-    """All frames and the trajectory, bytewise."""
-    return {path.name: path.read_bytes() for path in [*frame_paths(directory), directory / "trajectory.h5"]}
-
-
 @pytest.fixture(scope="module")
 def unbroken(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("unbroken")
-    return run(load_scene(SLIDING_PATCHES), directory, threads=1), contents(directory), directory
+    return whole_run(load_scene(SLIDING_PATCHES), tmp_path_factory.mktemp("unbroken"))
 
 
 def test_the_run_is_worth_comparing(unbroken):
@@ -44,13 +39,8 @@ def test_the_run_is_worth_comparing(unbroken):
 
 
 def test_two_threads_give_the_same_bits(unbroken, tmp_path, monkeypatch):
-    monkeypatch.setattr("engine.run.threads.FEW_NODES", 0)  # this scene would have one
-    try:
-        report = run(load_scene(SLIDING_PATCHES), tmp_path, threads=2)
-    except ValueError as error:
-        pytest.skip(f"this machine has one processor: {error}")
-    assert unbroken[0]["machine"]["threads"] == 1 and report["machine"]["threads"] == 2
-    assert contents(tmp_path) == unbroken[1]
+    assert unbroken[0]["machine"]["threads"] == 1
+    assert_the_same_on_two_threads(load_scene(SLIDING_PATCHES), tmp_path, unbroken[1], monkeypatch)
 
 
 def run_until_killed(directory: str, steps: str, renames: str) -> None:
@@ -76,9 +66,7 @@ def test_a_job_killed_again_and_again_ends_with_the_same_bits(unbroken, tmp_path
         for path in frame_paths(tmp_path):
             assert path.read_bytes() == unbroken[1][path.name]
     assert 0 < len(frame_paths(tmp_path)) < 11
-    report = run(load_scene(SLIDING_PATCHES), tmp_path, resume=True, threads=1)
-    assert contents(tmp_path) == unbroken[1]
-    assert report["error"] == unbroken[0]["error"] and report["counts"] == unbroken[0]["counts"]
+    assert_goes_on(load_scene(SLIDING_PATCHES), tmp_path, unbroken)
 
 
 def test_a_run_with_collisions_and_a_moving_obstacle_goes_on_as_if_it_had_not_stopped(tmp_path):
@@ -92,13 +80,10 @@ def test_a_run_with_collisions_and_a_moving_obstacle_goes_on_as_if_it_had_not_st
         "contacts": [], "contact": {"self": True}, "script": {"handles": [{"name": "lift", "keyframes": keyframes}]},
         "obstacles": [{"shape": "sphere", "radius": 0.02, "position": [0, 0, -0.0206], "handle": "lift"}],
     })
-    whole, stopped = tmp_path / "whole", tmp_path / "stopped"
-    report = run(scene, whole, threads=1)
-    assert report["counts"]["collisions_max"] > 0
-    calls = iter(range(1000))
-    assert run(scene, stopped, threads=1, should_stop=lambda: next(calls) > 20)["state"] == "cancelled"
-    run(scene, stopped, resume=True, threads=1)
-    assert contents(stopped) == contents(whole)
+    unbroken, stopped = whole_run(scene, tmp_path / "whole"), tmp_path / "stopped"
+    assert unbroken[0]["counts"]["collisions_max"] > 0
+    assert run(scene, stopped, threads=1, should_stop=stop_after(21))["state"] == "cancelled"
+    assert_goes_on(scene, stopped, unbroken)
 
 
 def test_a_falling_yarn_reports_what_it_keeps(tmp_path):

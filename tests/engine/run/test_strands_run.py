@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from engine.run.simulated import assemble
 from engine.run.simulation import run
 from engine.run.strands import StrandsInMotion
 from engine.scene.load import load_scene
+from tests.engine.run.outputs import assert_goes_on, assert_the_same_on_two_threads, contents, stop_after, whole_run
 
 NYLON = {"radius": 5e-4, "volume_density": 1150.0, "youngs_modulus": 1e7}
 LINE = [[round(0.005 * i, 4), 0.0, 0.02] for i in range(13)]
@@ -39,21 +39,9 @@ FLYING = {
 }
 
 
-def contents(directory: Path) -> dict[str, bytes]:
-    """All frames and the trajectory, bytewise."""
-    return {path.name: path.read_bytes() for path in [*frame_paths(directory), directory / "trajectory.h5"]}
-
-
-def stop_after(steps: int):
-    """A should_stop that lets so many steps happen."""
-    remaining = iter(range(steps))
-    return lambda: next(remaining, None) is None
-
-
 @pytest.fixture(scope="module")
 def unbroken(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("unbroken")
-    return run(load_scene(TOUCHING), directory, threads=1), contents(directory), directory
+    return whole_run(load_scene(TOUCHING), tmp_path_factory.mktemp("unbroken"))
 
 
 def test_frames_hold_what_strands_do(unbroken):
@@ -78,19 +66,11 @@ def test_the_report_has_what_applies(unbroken):
 def test_a_cancelled_run_goes_on_as_if_it_had_not_stopped(unbroken, tmp_path, steps):
     """Whatever number of contacts there is when it stops; what is remembered of them is in the state."""
     assert run(load_scene(TOUCHING), tmp_path, threads=1, should_stop=stop_after(steps))["state"] == "cancelled"
-    report = run(load_scene(TOUCHING), tmp_path, resume=True, threads=1)
-    assert contents(tmp_path) == unbroken[1]
-    assert report["error"] == unbroken[0]["error"] and report["counts"] == unbroken[0]["counts"]
+    assert_goes_on(load_scene(TOUCHING), tmp_path, unbroken)
 
 
 def test_two_threads_give_the_same_bits(unbroken, tmp_path, monkeypatch):
-    monkeypatch.setattr("engine.run.threads.FEW_NODES", 0)  # this scene would have one
-    try:
-        report = run(load_scene(TOUCHING), tmp_path, threads=2)
-    except ValueError as error:
-        pytest.skip(f"this machine has one processor: {error}")
-    assert report["machine"]["threads"] == 2
-    assert contents(tmp_path) == unbroken[1]
+    assert_the_same_on_two_threads(load_scene(TOUCHING), tmp_path, unbroken[1], monkeypatch)
 
 
 def test_state_is_all_that_is_restored():

@@ -40,9 +40,11 @@ def test_shipped_scenes_build_to_their_estimate(path):
     scene = load_scene(path)
     made, size = build(scene), estimate(scene)
     if made.yarns is not None:
-        assert (made.yarns.node_count, made.yarns.point_count, 0) == (size.nodes, size.points, size.strand_vertices)
+        assert (made.yarns.node_count, made.yarns.point_count, 0, 0) == (
+            size.nodes, size.points, size.strands, size.strand_vertices)
     else:
-        assert (0, 0, len(made.strands.mass)) == (size.nodes, size.points, size.strand_vertices)
+        assert (0, 0, len(made.strands.start) - 1, len(made.strands.mass)) == (
+            size.nodes, size.points, size.strands, size.strand_vertices)
     for state in filter(None, (made.state, made.strand_state)):
         for values in vars(state).values():
             assert np.isfinite(values).all()

@@ -83,6 +83,6 @@ def test_bodies_that_are_none(mesh, path, message):
 
 def test_a_surface_turned_inside_out_is_turned_back():
     built = build(load_scene(with_mesh(**INLINE | {"faces": [face[::-1] for face in INLINE["faces"]]})))
-    samples = built.obstacles.surfaces.samples.reshape(built.obstacles.surfaces.lattice[0, 1:])
+    samples = built.obstacles.surfaces.samples(0.0).reshape(built.obstacles.surfaces.lattice[0, 1:])
     assert samples[tuple(n // 2 for n in samples.shape)] == pytest.approx(-0.05, abs=0.005)
     assert samples[0, 0, 0] > 0.0

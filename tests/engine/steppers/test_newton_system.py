@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,6 +17,7 @@ from engine.yarns import contact
 from engine.yarns.model import PointKind
 from engine.yarns.settings import YarnSettings
 from tests.engine.linalg.dense import dense
+from tests.engine.threads import on_one_and_two_threads
 from tests.engine.yarns.stacks import Stack, perturbed, random_stack, some_collisions
 from tests.engine.yarns.terms import full_hessian, of_points
 
@@ -116,20 +116,16 @@ def test_parts_share_no_points_that_have_rows():
         owner[of_part] = s
 
 
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="no second thread")
 def test_directions_are_the_same_to_the_bit_on_any_number_of_threads():
-    ends, now = [], numba.get_num_threads()
-    try:
-        for threads in (1, 2):
-            numba.set_num_threads(threads)
-            stack, x, u = cloths()
-            potential = stack.potential(YarnSettings())
-            system = NewtonSystem(potential, YarnSettings(), Stopwatch())
-            energy, gradient = potential.gradient(x, u)
-            ends.append((energy, gradient.tobytes(), system.direction(x, u, gradient, goal=0.0)[0].tobytes()))
-    finally:
-        numba.set_num_threads(now)
-    assert ends[0] == ends[1]
+    def direction():
+        stack, x, u = cloths()
+        potential = stack.potential(YarnSettings())
+        system = NewtonSystem(potential, YarnSettings(), Stopwatch())
+        energy, gradient = potential.gradient(x, u)
+        return energy, gradient.tobytes(), system.direction(x, u, gradient, goal=0.0)[0].tobytes()
+
+    one, two = on_one_and_two_threads(direction)
+    assert one == two
 
 
 def test_a_direction_descends_and_solves_the_system_to_its_tolerance():

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from itertools import pairwise
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,6 +18,7 @@ from engine.strands.observe import energies, momentum
 from engine.strands.settings import StrandSettings
 from engine.validate.contact_crossings import crossed
 from engine.validate.contact_impacts import fate, random_impact
+from tests.engine.threads import on_one_and_two_threads
 
 HAIR = StrandMaterial(density=1300.0, young=3e9, shear=1e9)
 RADIUS, H = 5e-5, 1e-3
@@ -105,19 +105,16 @@ def hanging(count: int):
 
 
 def test_two_threads_give_the_same_bits():
-    ends = []
-    threads = numba.get_num_threads()
-    for count in (1, threads):
-        numba.set_num_threads(count)
+    def moved():
         model, state = hanging(16)
         stepper = StrandStepper(model, DOWN)
         reports = [stepper.step(state, H, obstacles=floor()) for _ in range(2)]
         assert all(report.accepted for report in reports) and reports[-1].contacts > 16
-        ends.append(state)
-    numba.set_num_threads(threads)
-    assert threads > 1, "numba was started with one thread only"
-    for name, values in vars(ends[0]).items():
-        np.testing.assert_array_equal(values, getattr(ends[1], name))
+        return vars(state)
+
+    one, two = on_one_and_two_threads(moved)
+    for name, values in one.items():
+        np.testing.assert_array_equal(values, two[name])
 
 
 @pytest.mark.parametrize("seed", range(60))

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 
@@ -12,6 +11,7 @@ from engine.strands.loads import StrandLoads, carried_velocity, inertia
 from engine.strands.settings import StrandSettings
 from engine.validate.der_gradients import Chart, random_strand
 from engine.validate.strands import cantilever
+from tests.engine.threads import on_one_and_two_threads
 
 NYLON = StrandMaterial(density=1150.0, young=2e9, shear=0.75e9)
 DOWN = np.array([0.0, 0.0, -9.81])
@@ -63,19 +63,15 @@ def test_momentum_is_kept_and_energy_never_rises():
 
 
 def test_two_threads_give_the_same_bits():
-    ends = []
-    threads = numba.get_num_threads()
-    for count in (1, threads):
-        numba.set_num_threads(count)
+    def moved():
         model, state = hairs(70)
         stepper = StrandStepper(model, DOWN)
-        for _ in range(3):
-            assert stepper.step(state, 4e-3).accepted
-        ends.append(state)
-    numba.set_num_threads(threads)
-    assert threads > 1, "numba was started with one thread only"
-    for name, values in vars(ends[0]).items():
-        np.testing.assert_array_equal(values, getattr(ends[1], name))
+        assert all(stepper.step(state, 4e-3).accepted for _ in range(3))
+        return vars(state)
+
+    one, two = on_one_and_two_threads(moved)
+    for name, values in one.items():
+        np.testing.assert_array_equal(values, two[name])
 
 
 def test_what_is_held_stays_and_what_is_given_is_reached():
