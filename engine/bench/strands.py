@@ -8,10 +8,10 @@ from time import perf_counter
 import numpy as np
 
 from engine.bench.suite import Measurement, benchmark
+from engine.linalg.banded import WIDTH
 from engine.steppers.strands import StrandStepper
 from engine.strands.assembly import StrandAssembly, StrandMaterial
 from engine.strands.model import StrandModel, StrandState
-from engine.strands.potential import WIDTH
 from engine.strands.settings import StrandSettings
 
 STEP = 4e-3  # [s]

@@ -17,12 +17,11 @@ from numba import njit, prange
 from engine.arrays import Flags, Floats, Ints
 from engine.contact.cones import friction, friction_limit, friction_potential, friction_slope, normal_force
 from engine.contact.contact_problem import ContactProblem, align, relative, stiffen
+from engine.contact.newton_direction import INEXACT, conjugate_gradients, factorise, in_order, stiffness_in_space
 from engine.linalg import banded
 
 NEWTON = 30  # iterations in a round
 FREE = 5  # rounds, after which limits of friction that swing are damped
-INEXACT = 0.03  # residual of conjugate gradients, over that at their start
-MOST = 200  # iterations of conjugate gradients
 CLOSE = 0.1  # of the tolerance, that no vertex is to move by in a further iteration
 ARMIJO = 1e-4  # share of the slope's promise that a step must keep
 SHORTEST = 1e-4  # step below which there is no descent
@@ -124,7 +123,7 @@ def solve(
     step, direction, residual = (np.zeros(strands.gradient.shape) for _ in range(3))
     w, r, slope = np.empty((len(force), 3)), np.empty((len(force), 3)), np.empty((len(force), 4))
     start, limit, change = np.empty_like(w), np.zeros(len(force)), np.zeros(len(force))
-    factor, goal = np.empty_like(strands.band), CLOSE * tolerance * problem.touch.min()
+    factor, in_space, goal = np.empty_like(strands.band), np.empty((len(force), 3, 3)), CLOSE * tolerance * problem.touch.min()
     displacements(problem, moved, start)
     last, rounds, newton, linear = step, 0, 0, 0
     error = np.inf
@@ -134,9 +133,10 @@ def solve(
         update_limits(problem, stiffness, start + _by(problem, step), force, limit, change, rounds >= FREE)
         value = evaluate(strands, problem, stiffness, limit, force, start, step, w, r, slope, residual)
         for _ in range(NEWTON):
-            if not precondition(strands, problem, slope, factor):
+            stiffness_in_space(problem, slope, in_space)
+            if not factorise(strands, problem, in_space, factor):
                 return Answer(rounds, newton, linear, np.inf, step, slope, stiffness)
-            linear += conjugate_gradients(strands, problem, slope, factor, residual, direction)
+            linear += conjugate_gradients(strands, problem, in_space, factor, residual, direction)
             promised, before, far = -np.sum(residual * direction), slope.copy(), np.abs(direction[:, :3]).max()
             alpha = 1.0
             while True:
@@ -190,15 +190,6 @@ def evaluate(strands, problem, stiffness, limit, force, start, step, w, r, slope
 
 
 @njit(cache=True, error_model="numpy")
-def in_order(values):
-    """Sum of values [n] one after the other: within a parallel function `sum` would depend on the number of threads."""
-    total = 0.0
-    for value in values:
-        total += value
-    return total
-
-
-@njit(cache=True, error_model="numpy")
 def _add_forces(strands, problem, i, force, total):
     """Add what forces at contacts [C, 3], in their frames, do to strand number i of those in contact to `total` [V, 4]."""
     for p in range(problem.first[i], problem.first[i + 1]):
@@ -210,77 +201,3 @@ def _add_forces(strands, problem, i, force, total):
                 for j in range(3):
                     along += problem.frame[c, j, k] * force[c, j]
                 total[v, k] += problem.weight[c, e] * along
-
-
-@njit(cache=True, parallel=True, error_model="numpy")
-def precondition(strands, problem, slope, factor):
-    """Write the factors of strands with their own ends of contacts [4V, w+1]; returns whether all have one."""
-    good = np.ones(len(problem.strand), np.bool_)
-    for i in prange(len(problem.strand)):
-        first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
-        factor[4 * first : 4 * last] = strands.band[4 * first : 4 * last]
-        for p in range(problem.first[i], problem.first[i + 1]):
-            c, e = problem.place[p, 0], problem.place[p, 1]
-            for f in range(e // 2 * 2, e // 2 * 2 + 2):
-                v, u = problem.vertex[c, e], problem.vertex[c, f]
-                weight = problem.weight[c, e] * problem.weight[c, f]
-                for a in range(3):
-                    for b in range(3):
-                        row, column = 4 * v + a, 4 * u + b
-                        if column <= row and not strands.held[v, a] and not strands.held[u, b]:
-                            factor[row, row - column] += weight * _stiffness(problem.frame[c], slope[c], a, b)
-        good[i] = banded.factorise(factor[4 * first : 4 * last])
-    return good.all()
-
-
-@njit(cache=True, error_model="numpy")
-def _stiffness(frame, slope, a, b):
-    """Stiffness of a contact between directions a and b in space."""
-    across = slope[1] * frame[1, b] + slope[2] * frame[2, b], slope[2] * frame[1, b] + slope[3] * frame[2, b]
-    return slope[0] * frame[0, a] * frame[0, b] + frame[1, a] * across[0] + frame[2, a] * across[1]
-
-
-@njit(cache=True, parallel=True, error_model="numpy")
-def conjugate_gradients(strands, problem, slope, factor, b, x):
-    """Write the solution x [V, 4] for the right-hand side b [V, 4]; returns the iterations.
-
-    Sums are made in the order of strands, so that they are the same on any number of threads.
-    """
-    r, z, p, q = np.empty_like(b), np.empty_like(b), np.empty_like(b), np.empty_like(b)
-    part, pressed = np.empty(len(problem.strand)), np.empty((len(slope), 3))
-    for i in prange(len(problem.strand)):
-        first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
-        x[first:last], r[first:last], z[first:last] = 0.0, b[first:last], b[first:last]
-        banded.solve(factor[4 * first : 4 * last], z[first:last].reshape(-1))
-        p[first:last] = z[first:last]
-        part[i] = np.sum(r[first:last] * z[first:last])
-    rz = in_order(part)
-    goal = INEXACT * INEXACT * rz
-    for iteration in range(MOST):
-        if not rz > goal:
-            return iteration
-        for c in prange(len(slope)):
-            relative(problem, c, p, pressed[c])
-            along, first_across, second_across = pressed[c, 0], pressed[c, 1], pressed[c, 2]
-            pressed[c, 0] = slope[c, 0] * along
-            pressed[c, 1] = slope[c, 1] * first_across + slope[c, 2] * second_across
-            pressed[c, 2] = slope[c, 2] * first_across + slope[c, 3] * second_across
-        for i in prange(len(problem.strand)):
-            first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
-            banded.multiply(strands.band[4 * first : 4 * last], p[first:last].reshape(-1), q[first:last].reshape(-1))
-            _add_forces(strands, problem, i, pressed, q)
-            part[i] = np.sum(p[first:last] * q[first:last])
-        alpha = rz / in_order(part)
-        for i in prange(len(problem.strand)):
-            first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
-            x[first:last] += alpha * p[first:last]
-            r[first:last] -= alpha * q[first:last]
-            z[first:last] = r[first:last]
-            banded.solve(factor[4 * first : 4 * last], z[first:last].reshape(-1))
-            part[i] = np.sum(r[first:last] * z[first:last])
-        beta = in_order(part) / rz
-        rz *= beta
-        for i in prange(len(problem.strand)):
-            first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
-            p[first:last] = z[first:last] + beta * p[first:last]
-    return MOST

@@ -96,7 +96,7 @@ def _softness(problem, band, held, c, soft):
             continue
         for a in range(3):
             for b in range(3):
-                own[a, b] = band[4 * v + max(a, b), abs(a - b)]
+                own[a, b] = band[4 * v + min(a, b), abs(a - b)]
             if held[v, a]:
                 own[a, a] = RIGID * max(band[4 * v, 0], band[4 * v + 1, 0], band[4 * v + 2, 0])
         _invert(own, inverse)

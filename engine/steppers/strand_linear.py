@@ -18,7 +18,7 @@ def linearised(model: StrandModel, inertia: Inertia, which: Ints, before: Strand
     A Hessian that is not positive is replaced by its positive form.
     """
     vertices = len(before.x)
-    gradient, band = np.empty((vertices, 4)), np.empty((4 * vertices, potential.WIDTH + 1))
+    gradient, band = np.empty((vertices, 4)), np.empty((4 * vertices, banded.WIDTH + 1))
     _linearise(model, inertia, which, before.x, before.m1, before.spin, before.twist, after.x, after.spin, h, gradient, band)
     return Strands(model.start, gradient, band, model.held)
 
@@ -29,7 +29,7 @@ def _linearise(model, inertia, which, x0, m1, spin0, twist, x, spin, h, gradient
     longest = (start[1:] - start[:-1]).max()
     for piece in prange(PIECES):
         step, now, other = potential.step_of(longest), potential.geometry(longest), potential.geometry(longest)
-        factor, local, turned = np.empty((4 * longest, potential.WIDTH + 1)), np.empty((12, 8)), np.empty(longest)
+        factor, local, turned = np.empty((4 * longest, banded.WIDTH + 1)), np.empty((12, 8)), np.empty(longest)
         for i in range(piece * len(which) // PIECES, (piece + 1) * len(which) // PIECES):
             a, b = start[which[i]], start[which[i] + 1]
             n = b - a

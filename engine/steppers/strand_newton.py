@@ -30,7 +30,7 @@ def advance(
     longest = (start[1:] - start[:-1]).max()
     for piece in prange(PIECES):
         step, now, other = potential.step_of(longest), potential.geometry(longest), potential.geometry(longest)
-        band, local = np.empty((4 * longest, potential.WIDTH + 1)), np.empty((12, 8))
+        band, local = np.empty((4 * longest, banded.WIDTH + 1)), np.empty((12, 8))
         g, direction, x_trial = np.empty((longest, 4)), np.empty((longest, 4)), np.empty((longest, 3))
         turn, turned, turned_trial = np.empty(longest), np.empty(longest), np.empty(longest)
         for s in range(piece * strands // PIECES, (piece + 1) * strands // PIECES):

@@ -24,7 +24,6 @@ from engine.strands.settings import StrandSettings
 from engine.strands.springs import Springs, no_springs
 
 CROSSING = 0.5  # cosine between edges below which they cross, and do not lie side by side
-INNER = 0.1  # of the tolerance of contact, to which contact forces are found under linear strands
 
 
 class StrandStepper:
@@ -61,7 +60,7 @@ class StrandStepper:
                 problem = contact_problem(contacts, self.touching.strand, self._pull(contacts, state.x), h * h / predicted.mass)
                 strands = linearised(self.model, predicted, problem.strand, state, after, h)
                 force = contacts.force.copy()
-                answer = solve(strands, problem, after.x - state.x, force, INNER * settings.contact_tolerance,
+                answer = solve(strands, problem, after.x - state.x, force, settings.contact_tolerance,
                                settings.max_contact_rounds, self._penalty(contacts))
                 contacts = contacts._replace(force=np.einsum("cij,ci->cj", problem.frame, force))
                 report.linear_iterations += answer.linear

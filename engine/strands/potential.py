@@ -11,11 +11,11 @@ from numba import njit
 
 from engine.arrays import Flags, Floats
 from engine.geometry.frames import across, cross, row
+from engine.linalg.banded import WIDTH
 from engine.strands import bending, stretching, twisting
 from engine.strands.kinematics import edges, frames
 
 EPSILON = np.finfo(np.float64).eps
-WIDTH = 10  # unknowns of a vertex, four, meet those of the two vertices before it
 
 
 class Geometry(NamedTuple):
@@ -239,9 +239,9 @@ def _add_edge(first, local, band):
         for b in range(3):
             value = local[a, b] if b <= a else local[b, a]
             if b <= a:
-                band[first + a, a - b] += value
-                band[first + 4 + a, a - b] += value
-            band[first + 4 + a, 4 + a - b] -= value
+                band[first + b, a - b] += value
+                band[first + 4 + b, a - b] += value
+            band[first + b, 4 + a - b] -= value
 
 
 @njit(cache=True, error_model="numpy")
@@ -252,16 +252,16 @@ def _add_vertex(first, local, band):
             h10 = local[3 + a, b]
             h00, h11 = (local[a, b], local[3 + a, 3 + b]) if b <= a else (local[b, a], local[3 + b, 3 + a])
             if b <= a:
-                band[first + a, a - b] += h00
-                band[first + 4 + a, a - b] += h00 - h10 - local[3 + b, a] + h11
-                band[first + 8 + a, a - b] += h11
-            band[first + 4 + a, 4 + a - b] += h10 - h00
-            band[first + 8 + a, 8 + a - b] -= h10
-            band[first + 8 + a, 4 + a - b] += h10 - h11
+                band[first + b, a - b] += h00
+                band[first + 4 + b, a - b] += h00 - h10 - local[3 + b, a] + h11
+                band[first + 8 + b, a - b] += h11
+            band[first + b, 4 + a - b] += h10 - h00
+            band[first + b, 8 + a - b] -= h10
+            band[first + 4 + b, 4 + a - b] += h10 - h11
     for j in range(2):
         turn = first + 3 + 4 * j
         for c in range(j + 1):
-            band[turn, 4 * (j - c)] += local[6 + j, 6 + c]
+            band[first + 3 + 4 * c, 4 * (j - c)] += local[6 + j, 6 + c]
         for a in range(3):
             by_0, by_1 = local[6 + j, a], local[6 + j, 3 + a]
             _add(turn, first + a, -by_0, band)
@@ -271,16 +271,13 @@ def _add_vertex(first, local, band):
 
 @njit(cache=True, error_model="numpy")
 def _add(row, column, value, band):
-    if row >= column:
-        band[row, row - column] += value
-    else:
-        band[column, column - row] += value
+    band[min(row, column), abs(row - column)] += value
 
 
 @njit(cache=True, error_model="numpy")
 def _hold(row, band):
     """Make a row and its column those of the identity."""
     band[row, :] = 0.0
-    for d in range(1, min(WIDTH, len(band) - 1 - row) + 1):
-        band[row + d, d] = 0.0
+    for d in range(1, min(WIDTH, row) + 1):
+        band[row - d, d] = 0.0
     band[row, 0] = 1.0

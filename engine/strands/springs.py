@@ -73,7 +73,7 @@ def add_hessian(springs, s, start, held, band):
                     for m in range(3):
                         row, column = 4 * (i + a) + k, 4 * (i + b) + m
                         if column <= row and not held[i + a, k] and not held[i + b, m]:
-                            band[row, row - column] += weight * springs.stiffness[p, k, m]
+                            band[column, row - column] += weight * springs.stiffness[p, k, m]
 
 
 @njit(cache=True, error_model="numpy")

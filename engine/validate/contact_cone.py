@@ -11,11 +11,11 @@ from engine.arrays import Flags, Floats, Ints
 from engine.contact.augmented_lagrangian import Strands, solve
 from engine.contact.contact_problem import contact_problem
 from engine.contact.strand_contacts import SOLID, Contacts
+from engine.linalg.banded import WIDTH
 from engine.validate.catalogue import CaseResult, Row, case
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
 ROUNDS = 1000
-WIDTH = 10  # of the band of a strand's Hessian
 KINK = 1e-6  # displacement, over the largest, from which sides that come nearer are told from those that touch
 DIRECTIONS = np.linspace(-np.pi, np.pi, 721)  # between which slip is sought
 
@@ -221,7 +221,7 @@ def _draw(rng: np.random.Generator, pulled: bool) -> Problem:
     hessian[np.diag_indices_from(hessian)] += held.reshape(-1)
     band = np.zeros((len(hessian), WIDTH + 1))
     for d in range(WIDTH + 1):
-        band[d:, d] = np.diagonal(hessian, -d)
+        band[: len(hessian) - d, d] = np.diagonal(hessian, -d)
     gradient = np.where(held, 0.0, rng.normal(size=held.shape))
     return Problem(
         Strands(start, gradient, band, held), hessian, contacts := random_contacts(rng, start, held),

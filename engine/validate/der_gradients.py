@@ -3,6 +3,7 @@
 import numpy as np
 
 from engine.arrays import Floats
+from engine.linalg.banded import WIDTH
 from engine.strands import potential
 from engine.strands.assembly import StrandAssembly, StrandMaterial
 from engine.strands.loads import Inertia
@@ -58,12 +59,12 @@ class Chart:
 
     def hessian(self, positive: bool = False) -> Floats:
         """Hessian at the origin [4V, 4V], or its positive form."""
-        band = np.empty((self.unknowns, potential.WIDTH + 1))
+        band = np.empty((self.unknowns, WIDTH + 1))
         potential.hessian(self.now, self.step, self.h, positive, np.empty((12, 8)), band)
         full = np.zeros((self.unknowns, self.unknowns))
-        for d in range(potential.WIDTH + 1):
+        for d in range(WIDTH + 1):
             rows = np.arange(d, self.unknowns)
-            full[rows, rows - d] = full[rows - d, rows] = band[rows, d]
+            full[rows, rows - d] = full[rows - d, rows] = band[rows - d, d]
         return full
 
 

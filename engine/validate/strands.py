@@ -4,6 +4,7 @@ import numpy as np
 from scipy.linalg import eigvals_banded
 
 from engine.arrays import Flags, Floats
+from engine.linalg.banded import WIDTH
 from engine.steppers.strands import StrandStepper
 from engine.strands import potential
 from engine.strands.assembly import StrandAssembly, StrandMaterial
@@ -47,7 +48,7 @@ def settle(model: StrandModel, state: StrandState, gravity: Floats, loads: Stran
 def stiffness(model: StrandModel, state: StrandState) -> Floats:
     """Return the Hessian of the elastic energy of a single strand, held unknowns as identity, as `banded` has it [4V, 11]."""
     vertices = len(state.x)
-    step, now, band = potential.step_of(vertices), potential.geometry(vertices), np.empty((4 * vertices, potential.WIDTH + 1))
+    step, now, band = potential.step_of(vertices), potential.geometry(vertices), np.empty((4 * vertices, WIDTH + 1))
     inertia = Inertia(model.mass, state.x, model.mass)
     potential.begin(model, inertia, 0, state.x, state.m1, state.spin, state.twist, FOREVER, step, now)
     potential.hessian(now, step, FOREVER, False, np.empty((12, 8)), band)
@@ -60,9 +61,7 @@ def least_stiffness(model: StrandModel, state: StrandState, which: Flags | None 
     Its sign says whether the shape is stable; its size has no meaning, for the unknowns are lengths and angles.
     """
     band = stiffness(model, state)
-    lower = np.zeros((band.shape[1], len(band)))
-    for d in range(band.shape[1]):
-        lower[d, : len(band) - d] = band[d:, d]
+    lower = band.T.copy()
     if which is not None:
         for row in np.flatnonzero(~which.reshape(-1)):
             lower[:, row] = 0.0

@@ -45,7 +45,7 @@ def test_derivatives_are_those_of_the_energy(seed):
     full = np.zeros((4 * VERTICES, 4 * VERTICES))
     for d in range(WIDTH):
         at = np.arange(d, len(full))
-        full[at, at - d] = full[at - d, at] = band[at, d]
+        full[at, at - d] = full[at - d, at] = band[at - d, d]
     places = np.arange(4 * VERTICES).reshape(-1, 4)[:, :3].reshape(-1)
     np.testing.assert_allclose(full[np.ix_(places, places)], rows * np.outer(free, free), atol=1e-7)
     assert not full[3::4].any() and not g[:, 3].any()
