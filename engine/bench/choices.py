@@ -41,7 +41,8 @@ def tried(
     A run that raises RuntimeError or StepTooSmall, or ends in what is not a number, has failed.
     """
     seconds: list[float] = []
-    while sum(seconds) < LEAST:
+    started = perf_counter()
+    while perf_counter() - started < LEAST:
         began = perf_counter()
         try:
             result = simulate()
@@ -55,12 +56,13 @@ def tried(
 def rows(own: Sequence[Choice], peer: str | None = None, peers: Sequence[Choice] = ()) -> Iterator[Measurement]:
     """Yield a row for every choice, the peer's too; on the front are those than which none is both faster and more accurate.
 
-    The peer's time of a row is that of its fastest choice with at most the same error: none where all have more.
+    The peer's time of a row is that of its fastest choice with at most the same error: none where all have more, or the row
+    failed.
     """
     everyone = (*own, *peers)
     for number, choice in enumerate(everyone):
         beaten = any(other.seconds < choice.seconds and other.off < choice.off for other in everyone)
-        same = [other.seconds for other in peers if other.off <= choice.off] if number < len(own) else []
+        same = [other.seconds for other in peers if other.off <= choice.off < inf] if number < len(own) else []
         yield Measurement(
             choice.case, choice.steps, choice.seconds, "steps", peer=peer if number < len(own) else None,
             peer_seconds=min(same, default=None), error=choice.error,

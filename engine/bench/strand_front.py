@@ -15,7 +15,7 @@ SEGMENTS = (16, 32, 64)
 CANTILEVER_STEPS, CANTILEVER_SHARES = (25, 100, 400), (0.9,)  # shares of the peer's largest step, which at rest does not show
 VIBRATION_STEPS, VIBRATION_SHARES = (250, 1000, 4000), (0.9, 0.45)
 CAPSTAN_STEPS = (10, 20, 40, 80)
-HAIRS, FLIPPED = 12, 0.4  # of them and of the scene's time [s]
+HAIRS, FLIPPED = 12, 0.35  # of them and of the scene's time [s]
 HAIR_SEGMENTS, HAIR_STEPS, HAIR_TOLERANCES = (15, 30), (2.0, 1.0, 0.5), (1e-2, 1e-3)  # steps over the scene's
 FINEST = (30, 0.125, 1e-4)  # segments, step and tolerance of what all flips are compared with
 
