@@ -60,7 +60,7 @@ def of_capstan(segments: Sequence[int], steps: Sequence[int]) -> Iterator[Measur
     def ratio(n: int, count: int) -> float:
         return contact_capstan.ratio(n, contact_capstan.PULLED / count)
 
-    ratio(segments[0], 1)  # compiles the kernels, untimed
+    ratio(segments[0], steps[-1])  # compiles the kernels, untimed
     yield from rows([
         tried(f"capstan, {n} segments", count, partial(ratio, n, count),
               lambda reached: abs(reached / wanted - 1.0), segments=n)
