@@ -12,6 +12,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 OURS = {"engine", "service", "viewer", "jobs", "tests"}
 ON_BEHALF = {"jinja2"}  # imported by fastapi.templating, which does not ask for it itself
 
+UNINSTALLED = {"elastica": "pyelastica"}  # packages of extras whose modules have another name
+
 
 def declared(requirements: list[str]) -> set[str]:
     """Normalised names of what is required."""
@@ -29,7 +31,7 @@ def imported(*tops: str) -> set[str]:
                 modules.add(node.module.split(".")[0])
     packages = packages_distributions()
     others = modules - OURS - set(sys.stdlib_module_names)
-    return {packages.get(module, [module])[0].lower() for module in others}  # an extra may not be installed
+    return {packages.get(module, [UNINSTALLED.get(module, module)])[0].lower() for module in others}
 
 
 def test_every_dependency_is_imported_and_every_import_declared():

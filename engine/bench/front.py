@@ -8,7 +8,8 @@ from time import perf_counter
 import numpy as np
 
 from engine.arrays import Floats
-from engine.bench.suite import Measurement, Standing, benchmark
+from engine.bench.choices import Choice, rows
+from engine.bench.suite import Measurement, benchmark
 from engine.run.adaptivity import StepTooSmall
 from engine.scene.load import load_scene, shipped_scenes
 from engine.validate.eol_march import March
@@ -53,15 +54,12 @@ def of_scene(
         raise RuntimeError(f"the reference run of {name} failed")
     spacing = float(March(document).model.rest_segment.max())
     runs = [simulate(document, step, tolerance, simulated) for step in steps for tolerance in tolerances]
-    errors = [np.inf if run.crossings is None else distance(run.crossings, wanted) / spacing for run in runs]
-    for run, error in zip(runs, errors, strict=True):
-        beaten = any(other.seconds < run.seconds and its < error for other, its in zip(runs, errors, strict=True))
-        yield Measurement(
-            f"{name}, tolerance {run.tolerance:g}", simulated / run.step, run.seconds, "steps",
-            error=error if np.isfinite(error) else None,
-            standing=Standing(on_front=bool(not beaten and np.isfinite(error)),
-                              default=(run.step, run.tolerance) == (1.0, YarnSettings.tolerance)),
-        )
+    yield from rows([
+        Choice(f"{name}, tolerance {run.tolerance:g}", simulated / run.step, run.seconds,
+               None if run.crossings is None else distance(run.crossings, wanted) / spacing,
+               default=(run.step, run.tolerance) == (1.0, YarnSettings.tolerance))
+        for run in runs
+    ])
 
 
 def simulate(document: dict, step: float, tolerance: float, simulated: int) -> Run:

@@ -32,8 +32,9 @@ def _section(result: dict) -> str:
     ]
     ranked = any(row["standing"] for row in result["rows"])
     if ranked:
-        rows = [[*cells, _standing(row["standing"])] for cells, row in zip(rows, result["rows"], strict=True)]
-    columns = [column.replace("_", " ") for column in (*shown, *details, *(["front"] if ranked else []))]
+        rows = [[case, _standing(row["standing"]), *cells] for (case, *cells), row in zip(rows, result["rows"], strict=True)]
+        shown.insert(1, "front")
+    columns = [column.replace("_", " ") for column in (*shown, *details)]
     exponent = "" if result["exponent"] is None else f"seconds grow as size to the power {result['exponent']:.2f}"
     note = f'<p class="fail">{escape(result["note"])}</p>' if result["note"] else ""
     if ranked:

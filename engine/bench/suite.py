@@ -1,6 +1,7 @@
 """The suite of benchmarks: throughput, share of this machine's bandwidth, scaling, and the ratio to a peer.
 
-A benchmark is registered by `@benchmark` in a module of this package and yields a `Measurement` per case and size.
+A benchmark is registered by `@benchmark` in a module of this package and yields a `Measurement` per case and size, and a
+`Note` of what is missing.
 Nothing here asserts on seconds.
 """
 
@@ -46,8 +47,15 @@ class Measurement:
     details: dict[str, float] = field(default_factory=dict)  # iterations, seconds of stages, ...
 
 
+@dataclass(frozen=True)
+class Note:
+    """What the rows leave out, such as a peer that is not installed."""
+
+    text: str
+
+
 Progress = Callable[[str, str], None]
-Measure = Callable[[], Iterator[Measurement]]
+Measure = Callable[[], Iterator[Measurement | Note]]
 _benchmarks: dict[str, tuple[str, Measure]] = {}
 
 
@@ -99,14 +107,17 @@ def run(names: Sequence[str] = (), on_progress: Progress | None = None, threads:
 def _measured(name: str, machine: dict, tell: Progress) -> dict:
     summary, measure = _benchmarks[name]
     rows: list[dict] = []
-    note = ""
+    notes: list[str] = []
     try:
         for measurement in measure():
+            if isinstance(measurement, Note):
+                notes.append(measurement.text)
+                continue
             rows.append(_row(measurement, machine["bandwidth_bytes_per_s"]))
             tell(name, f"{measurement.case} {measurement.size:g}")
     except Exception as error:  # one benchmark must not keep the others from being measured
-        note = f"ended by {type(error).__name__}: {error}"
-    return {"name": name, "machine": machine, "rows": rows, "exponent": _exponent(rows), "note": note,
+        notes.append(f"ended by {type(error).__name__}: {error}")
+    return {"name": name, "machine": machine, "rows": rows, "exponent": _exponent(rows), "note": "; ".join(notes),
             "summary": summary}
 
 

@@ -18,7 +18,7 @@ FRICTION, TURN = 0.3, pi  # mu, phi
 RADIUS, CYLINDER = 5e-5, 5e-3  # of the strand and of what it lies on [m]
 HAIR = StrandMaterial(density=1300.0, young=3e9, shear=1e9)
 LOAD = 1e-3  # that the pulled end lifts [N]
-SPEED, STEPS, STEP = 1e-4, 40, 1e-3  # of the pulled end [m/s], [s]; normals lag behind by what it goes in a step
+SPEED, PULLED, STEP = 1e-4, 0.04, 1e-3  # of the pulled end [m/s], [s], [s]; normals lag behind by what it goes in a step
 TAIL = 6  # segments beyond the cylinder at either end
 SEGMENTS = (16, 32, 64, 128)  # on the cylinder
 
@@ -31,15 +31,18 @@ def capstan(quick: bool) -> CaseResult:
     return CaseResult(rows, rows[-1].error, order, note=f"mu {FRICTION}, phi pi, without bending stiffness")
 
 
-def ratio(segments: int) -> float:
-    """Return T2 / T1 of a strand with so many segments on the cylinder."""
+def ratio(segments: int, step: float = STEP) -> float:
+    """Return T2 / T1 of a strand with so many segments on the cylinder, pulled in steps of `step` [s].
+
+    Raises RuntimeError where a step is rejected.
+    """
     model, state = hung(segments)
     obstacles, stepper = cylinder(), StrandStepper(model, np.zeros(3))
     force = np.zeros_like(state.x)
     force[0, 2] = -LOAD
-    for _ in range(STEPS):
-        x = state.x - np.array([0.0, 0.0, SPEED * STEP])  # only the last vertex is held
-        report = stepper.step(state, STEP, StrandLoads(force=force), (x, np.zeros(len(x))), obstacles)
+    for _ in range(round(PULLED / step)):
+        x = state.x - np.array([0.0, 0.0, SPEED * step])  # only the last vertex is held
+        report = stepper.step(state, step, StrandLoads(force=force), (x, np.zeros(len(x))), obstacles)
         if not report.accepted:
             raise RuntimeError(report.reason)
     tension = tensions(model, state)

@@ -37,14 +37,18 @@ def heavy_cantilever(quick: bool) -> CaseResult:
     return CaseResult(rows, at_64, order, note=f"rho g A L^3 / E I of {HEAVINESS}, error at 64 segments")
 
 
-def elastica_tip(gamma: float) -> tuple[float, float]:
-    """Place of the tip, over the length, of the inextensible cantilever whose weight is `gamma` E I / L^2.
+def elastica_tip(gamma: float, stretch: float = 0.0, shear: float = 0.0) -> tuple[float, float]:
+    """Place of the tip, over the length, of the cantilever whose weight is `gamma` E I / L^2.
 
-    Solves theta'' = -gamma (1 - s) cos theta with theta(0) = 0 and theta'(1) = 0, theta being the slope downward, with x and z.
+    Solves theta'' = -gamma (1 - s) (e cos theta - q sin theta) with theta(0) = 0 and theta'(1) = 0, theta being the slope
+    downward, with x and z; e = 1 + `stretch` gamma (1 - s) sin theta and q = `shear` gamma (1 - s) cos theta are how a piece is
+    stretched and sheared. `stretch` is E I / (E A L^2), `shear` E I / (k G A L^2); without them it is the inextensible elastica.
     """
 
     def slope(s, y):
-        return np.array([y[1], -gamma * (1 - s) * np.cos(y[0]), np.cos(y[0]), -np.sin(y[0])])
+        sin, cos, weight = np.sin(y[0]), np.cos(y[0]), gamma * (1 - s)
+        e, q = 1 + stretch * weight * sin, shear * weight * cos
+        return np.array([y[1], -weight * (e * cos - q * sin), e * cos - q * sin, -e * sin - q * cos])
 
     s = np.linspace(0.0, 1.0, 201)
     droop = np.pi / 2 * gamma / (gamma + 8)  # a first guess

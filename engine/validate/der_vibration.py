@@ -41,7 +41,7 @@ def _wanted(root: float) -> float:
 def _frequency(segments: int, root: float) -> float:
     """Inverse of the time from the first to the third passage of the tip through the middle [Hz]."""
     model, state = cantilever(segments, LENGTH, RADIUS, STEEL)
-    state.x[:, 2] = SMALL * LENGTH * _mode(root, np.maximum(state.x[:, 0], 0.0) / LENGTH)
+    state.x[:, 2] = SMALL * LENGTH * mode(root, np.maximum(state.x[:, 0], 0.0) / LENGTH)
     state.x[:2, 2] = 0.0
     stepper = StrandStepper(model, np.zeros(3), StrandSettings(tolerance=1e-9, contact="none"))
     h = 1 / (_wanted(root) * STEPS)
@@ -60,7 +60,7 @@ def _frequency(segments: int, root: float) -> float:
     raise RuntimeError("the tip does not swing")
 
 
-def _mode(b: float, s: np.ndarray) -> np.ndarray:
+def mode(b: float, s: np.ndarray) -> np.ndarray:
     """Shape of the mode with root b at s in [0, 1], 1 at the tip."""
     ratio = (np.cos(b) + np.cosh(b)) / (np.sin(b) + np.sinh(b))
 

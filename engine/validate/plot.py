@@ -7,7 +7,8 @@ from math import ceil, floor, isfinite, log10
 
 WIDTH, HEIGHT = 560, 320
 LEFT, RIGHT, TOP, BOTTOM = 74, 16, 30, 52
-SERIES_COLOURS = 4
+LINE = 18  # of the legend
+SERIES_COLOURS = 4  # further series have hollow markers
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,11 @@ def loglog(title: str, x_name: str, y_name: str, series: list[Series], bar: floa
         _curve(index, [(across.place(x), up.place(y), label) for x, y, label in points])
         for index, (_, points) in enumerate(drawn)
     ]
-    if len(drawn) > 1:
-        parts.append(_legend([name for name, _ in drawn]))
+    legend, lines = _legend([name for name, _ in drawn] if len(drawn) > 1 else [])
+    lower = LINE * max(0, lines - 1)
     return (
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}; the table holds the numbers">'
-        + "".join(parts) + "</svg>"
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT + lower}" role="img" aria-label="{escape(title)}; the table holds the numbers">'
+        f'{legend}<g transform="translate(0 {lower})">' + "".join(parts) + "</g></svg>"
     )
 
 
@@ -91,12 +92,16 @@ def _grid(across: _Axis, up: _Axis, x_name: str, y_name: str) -> str:
 
 
 def _curve(index: int, points: list[tuple[float, float, str]]) -> str:
-    colour = f"var(--s{index % SERIES_COLOURS})"
     lines = "".join(
         f'<line x1="{a[0]:.1f}" y1="{a[1]:.1f}" x2="{b[0]:.1f}" y2="{b[1]:.1f}"/>' for a, b in pairwise(points)
     )
     marks = "".join(f"<g>{_mark(index, x, y)}<title>{escape(label)}</title></g>" for x, y, label in points)
-    return f'<g stroke="{colour}" stroke-width="2" stroke-linecap="round">{lines}<g fill="{colour}">{marks}</g></g>'
+    return f'<g {_colours(index)} stroke-width="2" stroke-linecap="round">{lines}{marks}</g>'
+
+
+def _colours(index: int) -> str:
+    colour = f"var(--s{index % SERIES_COLOURS})"
+    return f'stroke="{colour}" fill="{colour if index < SERIES_COLOURS else "var(--card)"}"'
 
 
 def _mark(index: int, x: float, y: float) -> str:
@@ -111,15 +116,18 @@ def _mark(index: int, x: float, y: float) -> str:
     return f'<path d="M{x:.1f} {y - 5:.1f} l5 5 l-5 5 l-5 -5 z"/>'
 
 
-def _legend(names: list[str]) -> str:
-    """Markers and names in a line above the plot."""
-    parts, x = [], float(LEFT + 5)
+def _legend(names: list[str]) -> tuple[str, int]:
+    """Markers and names in lines above the plot, and how many lines."""
+    parts, x, lines = [], float(LEFT + 5), 1
     for index, name in enumerate(names):
-        colour = f"var(--s{index % SERIES_COLOURS})"
-        parts.append(f'<g fill="{colour}" stroke="{colour}">{_mark(index, x, TOP - 16)}</g>')
-        parts.append(f'<text x="{x + 11:.1f}" y="{TOP - 12}">{escape(name)}</text>')
-        x += 34 + 6.8 * len(name)  # about the width of a letter
-    return "".join(parts)
+        width = 34 + 6.8 * len(name)  # about the width of a letter
+        if x + width > WIDTH and index > 0:
+            x, lines = float(LEFT + 5), lines + 1
+        y = TOP - 16 + LINE * (lines - 1)
+        parts.append(f"<g {_colours(index)}>{_mark(index, x, y)}</g>")
+        parts.append(f'<text x="{x + 11:.1f}" y="{y + 4}">{escape(name)}</text>')
+        x += width
+    return "".join(parts), lines
 
 
 def _tick(value: float) -> str:

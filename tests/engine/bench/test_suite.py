@@ -6,7 +6,7 @@ import pytest
 from engine.bench import suite
 from engine.bench.machine import memory_bandwidth
 from engine.bench.page import bench_page
-from engine.bench.suite import Measurement, Standing, UnknownBenchmark, benchmark, median_seconds, run
+from engine.bench.suite import Measurement, Note, Standing, UnknownBenchmark, benchmark, median_seconds, run
 
 
 @pytest.fixture
@@ -64,6 +64,17 @@ def test_a_benchmark_that_raises_keeps_its_rows(registry):
     assert len(broken["rows"]) == 1 and broken["note"] == "ended by MemoryError: too large"
     assert broken["exponent"] is None and works["note"] == ""
     assert "too large" in bench_page([broken])
+
+
+def test_what_is_missing_is_noted(registry):
+    @benchmark("lonely", summary="s")
+    def lonely():
+        yield Note("without a peer")
+        yield Measurement("a", 1.0, 1.0, "x")
+        raise MemoryError("too large")
+
+    [result] = run()
+    assert len(result["rows"]) == 1 and result["note"] == "without a peer; ended by MemoryError: too large"
 
 
 def test_an_unknown_name_is_refused(registry):

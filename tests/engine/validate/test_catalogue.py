@@ -108,3 +108,13 @@ def test_a_plot_is_wellformed_and_places_points_logarithmically():
     assert across[1] - across[0] == pytest.approx(across[2] - across[1], abs=0.11) and across[0] < across[1]
     assert up[1] - up[0] == pytest.approx(up[2] - up[1], abs=0.11) and up[0] < up[1]
     assert [node.text for node in svg.iter() if node.tag == "title"] == ["p<0", "p1", "p2"]
+
+
+def test_a_long_legend_has_several_lines_and_further_series_hollow_markers():
+    series = [Series(f"a name of some length {k}", [1.0, 2.0], [1.0, 2.0], ["p", "q"]) for k in range(6)]
+    few, many = (ElementTree.fromstring(loglog("t", "x", "y", shown)) for shown in (series[:2], series))
+    height = [float(svg.get("viewBox").split()[3]) for svg in (few, many)]
+    assert height[1] > height[0]
+    names = [node for node in many.iter() if (node.text or "").startswith("a name")]
+    assert len(names) == 6 and all(float(node.get("x")) + 6 * len(node.text) < 560 for node in names)
+    assert sum(node.get("fill") == "var(--card)" for node in many.iter()) == 2 * (6 - 4)
