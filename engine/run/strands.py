@@ -64,7 +64,7 @@ class StrandsInMotion:
         return observe.energies(self.model, self.state, self.gravity)
 
     def invariants(self, time: float, energies: dict[str, float]) -> Invariants:
-        """Momentum where nothing holds or brakes the strands, energy where nothing but implicit Euler dissipates it."""
+        """Momentum where nothing holds or brakes the strands, energy where nothing but the integrator dissipates it."""
         kept: dict = {}
         if self._keeps_momentum:
             impulse = self._mass * self.gravity * time
