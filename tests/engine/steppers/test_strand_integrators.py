@@ -162,7 +162,7 @@ def test_contact_never_raises_the_energy(speed):
             time, h = time + h, min(2 * h, 1e-3)
             contacts += report.contacts
             energy = sum(energies(model, state, ZERO).values())
-            assert energy <= last + 1e-3 * start
+            assert energy <= last + 1e-6 * start
             last = energy
         else:
             h /= 2
