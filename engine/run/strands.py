@@ -66,7 +66,7 @@ class StrandsInMotion:
         return observe.energies(self.model, self.state, self.gravity)
 
     def invariants(self, time: float, energies: dict[str, float]) -> Invariants:
-        """Momentum where nothing holds or brakes the strands, energy where nothing but implicit Euler dissipates it."""
+        """Momentum where nothing holds or brakes the strands, energy where nothing but the integrator dissipates it."""
         momentum = observe.momentum(self.model, self.state) if self._keeps_momentum else None
         return kept(momentum, self._mass * self.gravity * time, self._mass, energies, self._keeps_energy)
 

@@ -60,6 +60,9 @@ class Step(Part):
 class StrandStep(Part):
     """The knobs of speed against error of one step of strands; its size is that of `step`."""
 
+    integrator: Literal["euler", "bdf2"] = StrandSettings.integrator
+    """Implicit Euler, of first order in the step, or the backward differentiation formula BDF2, of second order at the same cost
+    where strands touch nothing; those that do take implicit Euler's step."""
     tolerance: Annotated[float, Field(gt=0, le=1)] = StrandSettings.tolerance
     """Residual force that ends Newton's iterations, relative to the largest weight or force within the strand."""
     max_newton: Annotated[int, Field(ge=1, le=1000)] = StrandSettings.max_newton

@@ -1,4 +1,4 @@
-"""Newton's iteration of one implicit Euler step, for every strand by itself (Fei 2019, sec. 14.1)."""
+"""Newton's iteration of one implicit step, for every strand by itself (Fei 2019, sec. 14.1)."""
 
 import numpy as np
 from numba import njit, prange
@@ -17,12 +17,12 @@ EDGE_CHANGE = 0.8  # of its length, at most, that an edge changes in an iteratio
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def advance(
-    model, inertia, springs, which, x0, m1_0, spin0, twist0, h, tolerance, max_newton, x, m1, spin, twist, converged, iterations,
+    model, inertia, springs, which, x0, m1_0, twist0, tolerance, max_newton, x, m1, turned, twist, converged, iterations,
     residual,
 ):
-    """Solve the step from (x0, m1_0, spin0, twist0) into (x, m1, spin, twist) of every strand that is among `which` [S].
+    """Solve the step from (x0, m1_0, twist0) into (x, m1, turned, twist) of every strand that is among `which` [S].
 
-    Before, x and h `spin` hold a first guess of the places and turns, which for those that are held is the last. `iterations` are
+    Before, x and `turned` hold a first guess of the places and turns, which for those that are held is the last. `iterations` are
     added to.
     """
     start = model.start
@@ -32,33 +32,31 @@ def advance(
         step, now, other = potential.step_of(longest), potential.geometry(longest), potential.geometry(longest)
         band, local = np.empty((4 * longest, banded.WIDTH + 1)), np.empty((12, 8))
         g, direction, x_trial = np.empty((longest, 4)), np.empty((longest, 4)), np.empty((longest, 3))
-        turn, turned, turned_trial = np.empty(longest), np.empty(longest), np.empty(longest)
+        turn, turned_trial = np.empty(longest), np.empty(longest)
         for s in range(piece * strands // PIECES, (piece + 1) * strands // PIECES):
             if not which[s]:
                 continue
             a, b = start[s], start[s + 1]
             n = b - a
             own, shape = potential.first_of_step(step, n), potential.first_of_geometry(now, n)
-            potential.begin(model, inertia, a, x0[a:b], m1_0[a:b], spin0[a:b], twist0[a:b], h, own, shape)
             shape_tried = potential.first_of_geometry(other, n)
-            vectors = (g[:n], direction[:n], x_trial[:n], turn[:n], turned[:n], turned_trial[:n])
+            potential.begin(model, inertia, s, x0[a:b], m1_0[a:b], twist0[a:b], own, shape, shape_tried)
+            vectors = (g[:n], direction[:n], x_trial[:n], turn[:n], turned_trial[:n])
             converged[s], made, residual[s] = newton(
-                own, springs, s, a, shape, shape_tried, vectors, band[: 4 * n], local, h, tolerance, max_newton,
-                x[a:b], m1[a:b], spin[a:b], twist[a:b])
+                own, springs, s, a, shape, shape_tried, vectors, band[: 4 * n], local, inertia.effective[a], tolerance,
+                max_newton, x[a:b], m1[a:b], turned[a:b], twist[a:b])
             iterations[s] += made
 
 
 @njit(cache=True, error_model="numpy")
-def newton(step, springs, s, start, now, trial, vectors, band, local, h, tolerance, max_newton, x, m1, spin, twist):
+def newton(step, springs, s, start, now, trial, vectors, band, local, h, tolerance, max_newton, x, m1, turned, twist):
     """Solve the step of strand s; returns whether it converged, the iterations, and the residual force over the scale of forces.
 
-    x and h `spin` are as in `advance`. `start` is its first vertex, `now` its shape at the start; `trial`, `vectors`, `band`
+    x and `turned` are as in `advance`. `start` is its first vertex, `now` its shape at the start; `trial`, `vectors`, `band`
     [4V, 11] and `local` [12, 8] are memory.
     """
-    g, direction, x_trial, turn, turned, turned_trial = vectors
-    for i in range(len(x)):
-        turned[i] = turn[i] = h * spin[i]
-    potential.follow(x, turn, now, trial)
+    g, direction, x_trial, turn, turned_trial = vectors
+    potential.follow(x, turned, now, trial)
     now, trial = trial, now
     value = potential.energy(x, turned, now, step, h) + held.energy(springs, s, start, x)
     if not np.isfinite(value):
@@ -92,8 +90,8 @@ def newton(step, springs, s, start, now, trial, vectors, band, local, h, toleran
         x[:], turned[:] = x_trial, turned_trial
         now, trial, value = trial, now, reached
         iteration += 1
-    m1[:-1], spin[:-1], twist[1:-1] = now.m1[:-1], turned[:-1] / h, now.twist[1:-1]
-    spin[-1] = 0.0
+    m1[:-1], twist[1:-1] = now.m1[:-1], now.twist[1:-1]
+    turned[-1] = 0.0
     return residual <= tolerance, iteration, residual
 
 

@@ -1,8 +1,9 @@
-"""One implicit Euler step of discrete elastic rods in contact (Fei 2019, sec. 14.1 and algorithm 2).
+"""One implicit step of discrete elastic rods in contact (Fei 2019, sec. 14.1 and algorithm 2).
 
 Contact forces are found by augmented Lagrangians under strands that answer as their Hessians say; then strands by Newton
 iterations of their own, to each of which its contacts are linear springs; in turn, until neither moves anything any more. What a
 step ends with is implicit in elasticity, friction and contact alike. (The paper predicts strands without contact first.)
+The step is one of implicit Euler, or of BDF2 where strands touch nothing (`engine.strands.backward_difference`).
 """
 
 from dataclasses import replace
@@ -18,6 +19,7 @@ from engine.contact.strand_contacts import Contacts, Touching, no_contacts
 from engine.steppers.step_report import StepReport, Stopwatch
 from engine.steppers.strand_linear import linearised
 from engine.steppers.strand_newton import advance
+from engine.strands.backward_difference import BackwardDifference, bdf2, implicit_euler, remember
 from engine.strands.loads import Inertia, StrandLoads, inertia
 from engine.strands.model import StrandModel, StrandState
 from engine.strands.settings import StrandSettings
@@ -47,10 +49,10 @@ class StrandStepper:
         themselves beyond what being carried along does; without it they stay. `obstacles` are how solids move in the step.
         """
         report, watch, settings = StepReport(), Stopwatch(), self.settings
-        predicted = inertia(self.model, state, loads or StrandLoads(), self.gravity, h)
-        after = self._first_guess(state, given, h)
+        after = self._first_guess(state, given)
         contacts = self._near(state, np.zeros_like(state.x), h, obstacles, no_contacts())
         contacts = contacts.with_forces(state.contact_key, state.contact_force)
+        difference, predicted = self._predict(state, contacts, loads, h)
         which = np.ones(len(self.iterations), np.bool_)
         self.iterations[:] = 0
         springs, met = no_springs(len(which)), contacts
@@ -58,7 +60,7 @@ class StrandStepper:
         for _ in range(settings.max_rounds):
             if len(contacts.edge):
                 problem = contact_problem(contacts, self.touching.strand, self._pull(contacts, state.x), h * h / predicted.mass)
-                strands = linearised(self.model, predicted, problem.strand, state, after, h)
+                strands = linearised(self.model, predicted, problem.strand, state, after)
                 force = contacts.force.copy()
                 answer = solve(strands, problem, after.x - state.x, force, settings.contact_tolerance,
                                settings.max_contact_rounds, self._penalty(contacts))
@@ -69,7 +71,7 @@ class StrandStepper:
                 if not len(met.edge) and max(moves, answer.error) <= settings.contact_tolerance:
                     break
                 springs = springs_of(contacts, problem, force, answer.slope, after.x + answer.step[:, :3], self.touching.strand)
-            if not self._solve_strands(predicted, springs, which, state, after, h, report):
+            if not self._solve_strands(predicted, springs, which, state, after, report):
                 return report
             watch.lap("strands")
             met = self._near(state, after.x - state.x, h, obstacles, contacts)
@@ -77,20 +79,31 @@ class StrandStepper:
             contacts = contacts.renewed(met)
             if not len(contacts.edge):
                 break
+            difference, predicted = self._predict(state, contacts, loads, h)
             which = self.touching.strands_of(contacts)
         else:
             report.reason = "strands and contacts did not agree"
             return report
-        self._commit(state, after, contacts, h, report)
+        self._commit(state, after, contacts, difference, report)
         report.stages = watch.laps
         return report
 
-    def _first_guess(self, state: StrandState, given: tuple[Floats, Floats] | None, h: float) -> StrandState:
+    def _predict(
+        self, state: StrandState, contacts: Contacts, loads: StrandLoads | None, h: float
+    ) -> tuple[BackwardDifference, Inertia]:
+        """The difference that a step takes, and where inertia and loads take strands; those with contacts by implicit Euler."""
+        if self.settings.integrator == "bdf2":
+            difference = bdf2(self.model, state, h, self.touching.strands_of(contacts))
+        else:
+            difference = implicit_euler(self.model, h)
+        return difference, inertia(self.model, state, loads or StrandLoads(), self.gravity, difference)
+
+    def _first_guess(self, state: StrandState, given: tuple[Floats, Floats] | None) -> StrandState:
         """Everything where it was, but what is given where that ends."""
         if given is None:
-            return replace(state.copy(), spin=np.zeros_like(state.spin))
+            return replace(state.copy(), turn=np.zeros_like(state.turn))
         held, (x, turn) = self.model.held, given
-        return replace(state.copy(), x=np.where(held[:, :3], x, state.x), spin=np.where(held[:, 3], turn, 0.0) / h)
+        return replace(state.copy(), x=np.where(held[:, :3], x, state.x), turn=np.where(held[:, 3], turn, 0.0))
 
     def _near(self, state: StrandState, moved: Floats, h: float, obstacles: ObstacleMotion | None, known: Contacts) -> Contacts:
         """Contacts beside those known when vertices move so [V, 3] [m]; penalties only know what is near at the start."""
@@ -102,14 +115,14 @@ class StrandStepper:
         return found if self.settings.contact == "cone" else found._replace(friction=np.zeros(len(found.edge)))
 
     def _solve_strands(
-        self, predicted: Inertia, springs: Springs, which: Flags, before: StrandState, after: StrandState, h: float,
+        self, predicted: Inertia, springs: Springs, which: Flags, before: StrandState, after: StrandState,
         report: StepReport,
     ) -> bool:
         """Solve the strands `which` [S] from what `after` holds; False where one does not converge."""
         settings = self.settings
         converged, residual = np.ones(len(which), np.bool_), np.zeros(len(which))
-        advance(self.model, predicted, springs, which, before.x, before.m1, before.spin, before.twist, h, settings.tolerance,
-                settings.max_newton, after.x, after.m1, after.spin, after.twist, converged, self.iterations, residual)
+        advance(self.model, predicted, springs, which, before.x, before.m1, before.twist, settings.tolerance, settings.max_newton,
+                after.x, after.m1, after.turn, after.twist, converged, self.iterations, residual)
         report.newton_iterations = int(self.iterations.max(initial=0))
         report.residual = float(residual.max(initial=0.0))
         if not converged.all():
@@ -137,12 +150,17 @@ class StrandStepper:
             pull[strands] = self.settings.cohesion * length
         return pull
 
-    def _commit(self, state: StrandState, after: StrandState, contacts: Contacts, h: float, report: StepReport) -> None:
+    def _commit(
+        self, state: StrandState, after: StrandState, contacts: Contacts, difference: BackwardDifference, report: StepReport,
+    ) -> None:
         """Take over what a step has come to."""
-        after.velocity = (after.x - state.x) / h
+        after.velocity = difference.rate(after.x, state.x, state.earlier_x)
+        after.spin = difference.rate(after.turn, np.zeros_like(state.turn), -state.turn)
         after.contact_key, after.contact_force = contacts.pressing()
         size = np.linalg.norm(contacts.force, axis=1)
         after.vertex_contact_force = contacts.on_vertices(size[:, None], len(after.x), second=1.0)[:, 0]
+        if self.settings.integrator == "bdf2":
+            remember(self.model, state, after, difference.h)
         report.contact_gap = contacts.overlap(after.x, after.x - state.x)
         report.contacts = int(np.count_nonzero(size))
         self.contacts = contacts

@@ -65,10 +65,13 @@ class StrandAssembly:
         """Return the model and the state of all strands, at rest in time."""
         counts = [len(part["x"]) for part in self._parts]
         packed = {name: np.concatenate([part[name] for part in self._parts]) for name in self._parts[0]}
+        vertices = sum(counts)
         state = StrandState(
-            x=packed.pop("x"), velocity=np.zeros((sum(counts), 3)), m1=packed.pop("m1"), spin=np.zeros(sum(counts)),
+            x=packed.pop("x"), velocity=np.zeros((vertices, 3)), m1=packed.pop("m1"), spin=np.zeros(vertices),
             twist=packed.pop("twist"), contact_key=np.zeros(0, np.int64), contact_force=np.zeros((0, 3)),
-            vertex_contact_force=np.zeros(sum(counts)),
+            vertex_contact_force=np.zeros(vertices), turn=np.zeros(vertices), last_step=np.zeros(len(counts)),
+            earlier_x=np.zeros((vertices, 3)), earlier_velocity=np.zeros((vertices, 3)), earlier_m1=np.zeros((vertices, 3)),
+            earlier_spin=np.zeros(vertices), earlier_twist=np.zeros(vertices),
         )
         model = StrandModel(
             start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), group=np.array(self._groups, np.int64),

@@ -42,6 +42,13 @@ class StrandState:
     contact_key: Ints  # contacts that pressed at the end of the last step, ascending, shape [C]
     contact_force: Floats  # theirs on the first side [N], shape [C, 3]
     vertex_contact_force: Floats  # sum of the sizes of contact forces on a vertex [N], shape [V]
+    turn: Floats  # by which edges turned about themselves in the last step [rad], shape [V]
+    last_step: Floats  # of strands [s], 0 where what was before it does not count: only BDF2 keeps that, shape [S]
+    earlier_x: Floats  # x before the last step, like those that follow, shape [V, 3]
+    earlier_velocity: Floats  # shape [V, 3]
+    earlier_m1: Floats  # shape [V, 3]
+    earlier_spin: Floats  # shape [V]
+    earlier_twist: Floats  # shape [V]
 
     def copy(self) -> "StrandState":
         """Return a state that shares no array with this one."""

@@ -1,7 +1,8 @@
-"""The incremental potential of one implicit Euler step of a strand: inertia and elasticity, with gradient and Hessian.
+"""The incremental potential of one implicit step of a strand: inertia and elasticity, with gradient and Hessian.
 
-Internal friction is elasticity about the shape at the start of the step: stiffness k with friction beta k and rest q is, but for
-a constant, stiffness k (1 + beta / h) with rest (q + beta / h q0) / (1 + beta / h).
+Internal friction is elasticity about the strains q* that their rate (q - q*) / h counts from, for implicit Euler those at the
+start of the step: stiffness k with friction beta k and rest q0 is, but for a constant, stiffness k (1 + beta / h) with rest
+(q0 + beta / h q*) / (1 + beta / h). Here and below h is the effective step (`engine.strands.backward_difference`).
 """
 
 from typing import NamedTuple
@@ -77,30 +78,29 @@ def first_of_step(s, n):
 
 
 @njit(cache=True, error_model="numpy")
-def begin(model, inertia, first, x, m1, spin, twist, h, step, now):
-    """Write what stays in the step of a strand to `step`, and its shape at the start to `now`.
+def begin(model, inertia, s, x, m1, twist, step, now, base):
+    """Write what stays in the step of strand s of `model` to `step`, and its shape at the start to `now`.
 
-    Its first vertex is number `first` of `model` and of its `inertia`; x, m1, spin and twist are the strand's own.
+    x, m1 and twist are the strand's own, `inertia` that of all; `base` is memory.
     """
-    edges(x, now.t, now.length)
-    now.twist[:] = twist
-    for i in range(len(x) - 1):
-        tangent = row(now.t, i)
-        one = across(row(m1, i), tangent)
-        two = cross(tangent, one)
-        for k in range(3):
-            now.m1[i, k], now.m2[i, k] = one[k], two[k]
-    bending.curvatures(now.t, now.m1, now.m2, now.binormal, now.kappa)
+    first, last = model.start[s], model.start[s + 1]
+    h, lean = inertia.effective[first], inertia.lean[first]
+    shape(x, m1, twist, now)
+    rates_from = now
+    if lean > 0.0:
+        shape(inertia.earlier_x[first:last], inertia.earlier_m1[first:last], inertia.earlier_twist[first:last], base)
+        lean_on(now, lean, base)
+        rates_from = base
     for i in range(len(x)):
         v = first + i
         share = model.damping[v] / h
         whole = 1.0 + share
         step.mass[i], step.weight[i] = inertia.mass[v], inertia.weight[v]
-        step.spin_inertia[i], step.spun[i] = model.spin_inertia[v], h * spin[i]
+        step.spin_inertia[i], step.spun[i] = model.spin_inertia[v], inertia.spun[v]
         step.stretch_stiffness[i] = whole * model.stretch_stiffness[v]
-        step.rest_length[i] = (model.rest_length[v] + share * now.length[i]) / whole
+        step.rest_length[i] = (model.rest_length[v] + share * rates_from.length[i]) / whole
         step.twist_stiffness[i] = whole * model.twist_stiffness[v]
-        step.rest_twist[i] = (model.rest_twist[v] + share * twist[i]) / whole
+        step.rest_twist[i] = (model.rest_twist[v] + share * rates_from.twist[i]) / whole
         for k in range(3):
             step.start[i, k], step.target[i, k] = x[i, k], inertia.target[v, k]
         for k in range(4):
@@ -108,7 +108,32 @@ def begin(model, inertia, first, x, m1, spin, twist, h, step, now):
         for j in range(2):
             step.bending_stiffness[i, j] = whole * model.bending_stiffness[v, j]
             for c in range(2):
-                step.rest_curvature[i, j, c] = (model.rest_curvature[v, j, c] + share * now.kappa[i, j, c]) / whole
+                step.rest_curvature[i, j, c] = (model.rest_curvature[v, j, c] + share * rates_from.kappa[i, j, c]) / whole
+
+
+@njit(cache=True, error_model="numpy")
+def shape(x, m1, twist, g):
+    """Write the shape of a strand at x [V, 3] with material directions m1 [V, 3] of edges and twist [V] to g."""
+    edges(x, g.t, g.length)
+    g.twist[:] = twist
+    for i in range(len(x) - 1):
+        tangent = row(g.t, i)
+        one = across(row(m1, i), tangent)
+        two = cross(tangent, one)
+        for k in range(3):
+            g.m1[i, k], g.m2[i, k] = one[k], two[k]
+    bending.curvatures(g.t, g.m1, g.m2, g.binormal, g.kappa)
+
+
+@njit(cache=True, error_model="numpy")
+def lean_on(now, lean, base):
+    """Make the strains of `base`, which are those a step before `now`, those that rates count from: y_n + c (y_n - y_(n-1))."""
+    for i in range(len(now.length)):
+        base.length[i] = now.length[i] + lean * (now.length[i] - base.length[i])
+        base.twist[i] = now.twist[i] + lean * (now.twist[i] - base.twist[i])
+        for j in range(2):
+            for c in range(2):
+                base.kappa[i, j, c] = now.kappa[i, j, c] + lean * (now.kappa[i, j, c] - base.kappa[i, j, c])
 
 
 @njit(cache=True, error_model="numpy")

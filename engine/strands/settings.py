@@ -6,8 +6,9 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class StrandSettings:
-    """Knobs of one implicit Euler step of discrete elastic rods in contact."""
+    """Knobs of one implicit step of discrete elastic rods in contact."""
 
+    integrator: Literal["euler", "bdf2"] = "euler"  # BDF2 is of second order in the step where strands touch nothing
     tolerance: float = 1e-6  # residual force that ends Newton, relative to the largest weight or force within the strand
     max_newton: int = 50  # iterations after which the step is tried again with half the size
     contact: Literal["cone", "penalty", "none"] = "cone"  # how strands touch each other and obstacles

@@ -14,6 +14,7 @@ from engine.geometry.handles import Handles
 from engine.steppers.strands import StrandStepper
 from engine.strands.assembly import StrandAssembly, StrandMaterial
 from engine.strands.model import StrandModel, StrandState
+from engine.strands.settings import StrandSettings
 from engine.validate.catalogue import CaseResult, Row, case
 from engine.validate.contact_crossings import crossed, depth
 
@@ -65,10 +66,10 @@ def impacts(quick: bool) -> CaseResult:
     return CaseResult(rows, max(row.error for row in rows), note=f"{number} impacts; " + "; ".join(told))
 
 
-def fate(impact: Impact, h: float) -> tuple[bool, int]:
+def fate(impact: Impact, h: float, settings: StrandSettings | None = None) -> tuple[bool, int]:
     """Return whether anything went through anything within its duration, and how many steps were rejected."""
     model, state = impact.model, impact.state
-    stepper = StrandStepper(model, np.zeros(3))
+    stepper = StrandStepper(model, np.zeros(3), settings)
     time, size, rejected, through = 0.0, h, 0, False
     while time < impact.duration - 1e-12:
         size = min(size, impact.duration - time)

@@ -6,6 +6,7 @@ from engine.arrays import Floats
 from engine.linalg.banded import WIDTH
 from engine.strands import potential
 from engine.strands.assembly import StrandAssembly, StrandMaterial
+from engine.strands.backward_difference import implicit_euler
 from engine.strands.loads import Inertia
 from engine.strands.model import StrandModel, StrandState
 from engine.validate.catalogue import CaseResult, case, timed_rows
@@ -34,8 +35,10 @@ class Chart:
         self.model, self.state, self.h = model, state, h
         vertices = len(state.x)
         self.step, self.now, self.other = potential.step_of(vertices), potential.geometry(vertices), potential.geometry(vertices)
-        inertia = Inertia(model.mass, state.x + h * state.velocity, 9.81 * model.mass)
-        potential.begin(model, inertia, 0, state.x, state.m1, state.spin, state.twist, h, self.step, self.now)
+        difference = implicit_euler(model, h)
+        inertia = Inertia(model.mass, state.x + h * state.velocity, 9.81 * model.mass, h * state.spin, difference.effective,
+                          difference.lean, state.earlier_x, state.earlier_m1, state.earlier_twist)
+        potential.begin(model, inertia, 0, state.x, state.m1, state.twist, self.step, self.now, self.other)
         self.x, self.turned = state.x, np.zeros(vertices)
         self.unknowns = 4 * vertices
 

@@ -8,7 +8,8 @@ from engine.linalg.banded import WIDTH
 from engine.steppers.strands import StrandStepper
 from engine.strands import potential
 from engine.strands.assembly import StrandAssembly, StrandMaterial
-from engine.strands.loads import Inertia, StrandLoads
+from engine.strands.backward_difference import implicit_euler
+from engine.strands.loads import StrandLoads, inertia
 from engine.strands.model import StrandModel, StrandState
 from engine.strands.settings import StrandSettings
 
@@ -48,9 +49,10 @@ def settle(model: StrandModel, state: StrandState, gravity: Floats, loads: Stran
 def stiffness(model: StrandModel, state: StrandState) -> Floats:
     """Return the Hessian of the elastic energy of a single strand, held unknowns as identity, as `banded` has it [4V, 11]."""
     vertices = len(state.x)
-    step, now, band = potential.step_of(vertices), potential.geometry(vertices), np.empty((4 * vertices, WIDTH + 1))
-    inertia = Inertia(model.mass, state.x, model.mass)
-    potential.begin(model, inertia, 0, state.x, state.m1, state.spin, state.twist, FOREVER, step, now)
+    step, now, base = potential.step_of(vertices), potential.geometry(vertices), potential.geometry(vertices)
+    band = np.empty((4 * vertices, WIDTH + 1))
+    at_rest = inertia(model, state, StrandLoads(), np.zeros(3), implicit_euler(model, FOREVER))
+    potential.begin(model, at_rest, 0, state.x, state.m1, state.twist, step, now, base)
     potential.hessian(now, step, FOREVER, False, np.empty((12, 8)), band)
     return band
 

@@ -69,6 +69,16 @@ def test_a_cancelled_run_goes_on_as_if_it_had_not_stopped(unbroken, tmp_path, st
     assert_goes_on(load_scene(TOUCHING), tmp_path, unbroken)
 
 
+@pytest.mark.parametrize("scene", [TOUCHING, FLYING], ids=["touching", "flying"])
+def test_what_bdf2_remembers_is_in_the_state(tmp_path, scene):
+    scene = load_scene(scene | {"strand_step": scene.get("strand_step", {}) | {"integrator": "bdf2"}})
+    whole, stopped = tmp_path / "whole", tmp_path / "stopped"
+    report = run(scene, whole, threads=1)
+    assert run(scene, stopped, threads=1, should_stop=stop_after(17))["state"] == "cancelled"
+    assert run(scene, stopped, resume=True, threads=1)["error"] == report["error"]
+    assert contents(stopped) == contents(whole)
+
+
 def test_two_threads_give_the_same_bits(unbroken, tmp_path, monkeypatch):
     assert_the_same_on_two_threads(load_scene(TOUCHING), tmp_path, unbroken[1], monkeypatch)
 
@@ -109,13 +119,15 @@ def test_what_a_scene_does_not_keep_is_absent(tmp_path, change, kept):
     assert {"momentum_drift", "energy_drift"} & set(report["error"]) == kept
 
 
-def test_the_error_estimate_falls_with_the_step(tmp_path):
+@pytest.mark.parametrize("integrator", ["euler", "bdf2"])
+def test_the_error_estimate_falls_with_the_step(tmp_path, integrator):
     errors = []
     for step in (1e-3, 5e-4):
-        scene = load_scene(FLYING | {"step": {"default": step}, "output": {"error_estimate": True}})
+        settings = FLYING["strand_step"] | {"integrator": integrator}
+        scene = load_scene(FLYING | {"step": {"default": step}, "strand_step": settings, "output": {"error_estimate": True}})
         errors.append(run(scene, tmp_path / str(step))["error"]["step_error"]["x"]["max"])
     assert 0 < errors[1] < errors[0]
-    plain = run(load_scene(FLYING | {"step": {"default": 5e-4}}), tmp_path / "plain")
+    plain = run(load_scene(FLYING | {"step": {"default": 5e-4}, "strand_step": settings}), tmp_path / "plain")
     assert plain["state"] == "succeeded" and contents(tmp_path / "plain") == contents(tmp_path / "0.0005")
 
 

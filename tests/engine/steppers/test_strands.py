@@ -7,6 +7,7 @@ import pytest
 
 from engine.steppers.strands import StrandStepper
 from engine.strands.assembly import StrandAssembly, StrandMaterial
+from engine.strands.backward_difference import implicit_euler
 from engine.strands.loads import StrandLoads, carried_velocity, inertia
 from engine.strands.settings import StrandSettings
 from engine.validate.der_gradients import Chart, random_strand
@@ -108,7 +109,7 @@ def test_a_film_that_runs_along_brings_the_velocity_from_where_it_was(pace):
     rng = np.random.default_rng(0)
     state.velocity = rng.normal(size=state.x.shape)
     film = np.full(len(state.x), pace * model.rest_length[:11].min())
-    carried = carried_velocity(model, state, film, 1.0)
+    carried = carried_velocity(model, state.velocity, film, np.ones(2))
     for first, last in zip(model.start[:-1], model.start[1:], strict=True):
         own, length = state.velocity[first:last], model.rest_length[first : last - 1]
         wanted, share = own.copy(), abs(film[first]) / length[:, None]
@@ -126,7 +127,7 @@ def test_a_film_is_heavy_and_pushes_as_eq_13_50_says():
     state.velocity[:, 0] = 5.0 * s
     loads = StrandLoads(film_mass=3.0 * model.mass, film_velocity=np.full(len(s), 0.2))
     h = 1e-6
-    total = inertia(model, state, loads, DOWN, h)
+    total = inertia(model, state, loads, DOWN, implicit_euler(model, h))
     np.testing.assert_allclose(total.mass, 4.0 * model.mass)
     np.testing.assert_allclose(total.weight, 4.0 * model.mass * 9.81)
     acceleration = ((total.target - state.x) / h - state.velocity) / h

@@ -5,8 +5,10 @@ import pytest
 from engine.validate.catalogue import run
 from engine.validate.der_statics import elastica_tip
 
+CASES = ["der-gradients", "der-cantilever", "der-vibration", "der-ring", "der-lateral", "der-order", "der-swing"]
 
-@pytest.mark.parametrize("case", ["der-gradients", "der-cantilever", "der-vibration", "der-ring", "der-lateral"])
+
+@pytest.mark.parametrize("case", CASES)
 def test_a_strand_is_at_its_bar(case):
     entry = run([case], quick=True)["cases"][0]
     assert entry["status"] == "pass", entry["note"]
