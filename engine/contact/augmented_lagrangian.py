@@ -24,7 +24,8 @@ from engine.linalg import banded
 NEWTON = 30  # iterations in a round
 FREE = 5  # rounds, after which limits of friction that swing are damped
 CLOSE = 0.1  # of what the round leaves to the next, that no vertex is to move by in a further iteration
-SLOW, STIFFER = 0.5, 4.0  # share of what a contact missed that is still missing after a round, and what its largest stiffness grows by
+SLOW = 0.5  # share of what a contact missed in the round before, above which it gets stiffer
+STIFFER, STIFFEST = 4.0, 256.0  # factor by which its largest stiffness grows then, and by which in all
 ARMIJO = 1e-4  # share of the slope's promise that a step must keep
 SHORTEST = 1e-4  # step below which there is no descent
 
@@ -129,7 +130,7 @@ def solve(
     factor, in_space = np.empty_like(strands.band), np.empty((len(force), 3, 3))
     displacements(problem, moved, start)
     touch, last, rounds, newton, linear = problem.touch.min(), step, 0, 0, 0
-    error, left = np.inf, np.full(len(force), np.inf)
+    usual, error, left = stiffest.copy(), np.inf, np.full(len(force), np.inf)
     while rounds < most:
         if penalty is None:
             stiffen(problem, stiffest, force, tolerance, stiffness)
@@ -155,7 +156,8 @@ def solve(
             if far <= goal or (alpha == 1.0 and INEXACT * far <= goal and np.array_equal(slope, before)):
                 break
         missed = _missed(problem, stiffness, r - force)
-        stiffest[(missed > tolerance) & (missed > SLOW * left)] *= STIFFER
+        slow = (missed > tolerance) & (missed > SLOW * left)
+        stiffest[slow] = np.minimum(STIFFER * stiffest, STIFFEST * usual)[slow]
         force[:], left = r, missed
         rounds += 1
         error, part = law_error(problem, stiffness, w, force) if penalty is None else (0.0, 0.0)

@@ -79,7 +79,10 @@ def conjugate_gradients(strands, problem, stiffness, factor, b, x):
             q[first:last] = m[first:last]
             _add_coupling(strands, problem, stiffness, i, force, q)
             part[i] = _product(p, q, first, last)
-        alpha = rz / in_order(part)
+        curvature = in_order(part)
+        if not curvature > 0.0:  # rounding
+            return iteration
+        alpha = rz / curvature
         for i in prange(len(problem.strand)):
             first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
             for v in range(first, last):

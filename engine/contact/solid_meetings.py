@@ -7,6 +7,7 @@ is sampled, so that time may go on by the distance that is left over the speed a
 import numpy as np
 from numba import njit
 
+from engine.contact.edge_meetings import SLACK
 from engine.geometry.solids import SAMPLED, distance_to
 
 DEEP = 0.5  # of the distance at the start, or at which they touch: a place in contact that comes nearer passes through
@@ -46,7 +47,14 @@ def at_vertices(solids, o, x, motion, radius, near, known):
             for k in range(3):
                 place[k] = x[v, k] + when * motion[v, k]
             now = distance_to(solids, o, place, outward)
-        if now - limit < (1.0 - when) * speed or now - limit <= CLOSE * radius[v]:
+        reached = now - limit < (1.0 - when) * speed or now - limit <= CLOSE * radius[v]
+        if not reached and met > 0:  # the normal is that of where the contact was made, and the place slides over what is round
+            when = 1.0
+            for k in range(3):
+                place[k] = x[v, k] + motion[v, k]
+            now = distance_to(solids, o, place, outward)
+            reached = now < min(distance, radius[v]) - SLACK * radius[v]
+        if reached:
             vertex[count], time[count], there[count], before[count] = v, when, now, distance
             _unit(outward, normal[count])
             count += 1
@@ -89,7 +97,15 @@ def within_edges(solids, o, x, motion, radius, near, edges, known):
                 for k in range(3):
                     ends[e, k] = x[v + e, k] + when * motion[v + e, k]
             s, now, bulge = _nearest(solids, o, ends, outward)
-        if (now - limit < (1.0 - when) * speed or now - limit <= CLOSE * radius[v]) and bulge > BULGE * radius[v]:
+        reached = now - limit < (1.0 - when) * speed or now - limit <= CLOSE * radius[v]
+        if not reached and met > 0:
+            when = 1.0
+            for e in range(2):
+                for k in range(3):
+                    ends[e, k] = x[v + e, k] + motion[v + e, k]
+            s, now, bulge = _nearest(solids, o, ends, outward)
+            reached = now < min(distance, radius[v]) - SLACK * radius[v]
+        if reached and bulge > BULGE * radius[v]:
             edge[count], share[count], time[count], there[count], before[count] = v, s, when, now, distance
             _unit(outward, normal[count])
             count += 1

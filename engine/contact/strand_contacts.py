@@ -91,16 +91,16 @@ class Contacts(NamedTuple):
         return there
 
     def renewed(self, met: "Contacts") -> "Contacts":
-        """Return these contacts and those `met` beside them, which take the place and the forces of those of the same edges close by.
+        """Return these contacts and those `met`, which take the place and the forces of those of the same edges close by.
 
         Constraints that say the same of places next to each other would leave it open which of them has the force.
         """
         if not len(met.edge):
             return self
-        key, other = _keys(self.edge), _keys(met.edge)
+        key, other = self.key, met.key
         order = np.argsort(other, kind="stable")
         at = order[np.minimum(np.searchsorted(other[order], key), len(other) - 1)]
-        close = (other[at] == key) & (np.abs(self.share - met.share[at]).max(axis=1) < CLOSE_BY) & (self.edge[:, 1] >= 0)
+        close = (other[at] == key) & (np.abs(self.share - met.share[at]).max(axis=1) < CLOSE_BY)
         np.add.at(met.force, at[close], self.force[close])
         return Contacts(*(values[~close] for values in self)).and_also(met)
 
@@ -210,7 +210,7 @@ class Touching:
 
 
 def _keys(edge: Ints) -> Ints:
-    """Numbers that name the edges of contacts."""
+    """Numbers that name the edges of contacts between strands."""
     return (edge[:, 0] << 32) + edge[:, 1]
 
 

@@ -67,7 +67,7 @@ def newton(step, springs, s, start, now, trial, vectors, band, local, h, toleran
         pull = held.add_gradient(springs, s, start, x, step.held, g)
         scale = max(potential.force_scale(now, step), pull, potential.round_off(x, step, h) / tolerance)
         residual = largest_force(g, now.length) / scale
-        if residual <= tolerance or iteration == max_newton:
+        if residual == 0.0 or (residual <= tolerance and iteration > 0) or iteration == max_newton:  # a small step is one, too
             break
         noise = ROUND_OFF * abs(value) + potential.rounding(x) * scale
         slope = descent(now, step, springs, s, start, h, g, local, band, direction)

@@ -26,6 +26,9 @@ from engine.strands.settings import StrandSettings
 from engine.strands.springs import Springs, no_springs
 
 CROSSING = 0.5  # cosine between edges below which they cross, and do not lie side by side
+AGREE = 0.1  # of the tolerance of contact, by which rounds that get nearer to each other may still move strands
+SLOW = 0.5  # share of what the round before moved, above which they do not get nearer
+FOLLOW = 5  # rounds in which contacts follow the places that touch; later ones are added, lest two take turns for ever
 
 
 class StrandStepper:
@@ -55,9 +58,9 @@ class StrandStepper:
         difference, predicted = self._predict(state, contacts, loads, h)
         which = np.ones(len(self.iterations), np.bool_)
         self.iterations[:] = 0
-        springs, met = no_springs(len(which)), contacts
+        springs, met, last = no_springs(len(which)), contacts, np.inf
         watch.lap("predict")
-        for _ in range(settings.max_rounds):
+        for number in range(settings.max_rounds):
             if len(contacts.edge):
                 problem = contact_problem(contacts, self.touching.strand, self._pull(contacts, state.x), h * h / predicted.mass)
                 strands = linearised(self.model, predicted, problem.strand, state, after)
@@ -68,15 +71,17 @@ class StrandStepper:
                 report.linear_iterations += answer.linear
                 moves = np.abs(answer.step[:, :3]).max() / contacts.touch.min()
                 watch.lap("contact")
-                if not len(met.edge) and max(moves, answer.error) <= settings.contact_tolerance:
+                near = max(moves, answer.error) <= settings.contact_tolerance
+                if not len(met.edge) and near and (moves <= AGREE * settings.contact_tolerance or moves > SLOW * last):
                     break
+                last = moves
                 springs = springs_of(contacts, problem, force, answer.slope, after.x + answer.step[:, :3], self.touching.strand)
             if not self._solve_strands(predicted, springs, which, state, after, report):
                 return report
             watch.lap("strands")
             met = self._near(state, after.x - state.x, h, obstacles, contacts)
             watch.lap("detect")
-            contacts = contacts.renewed(met)
+            contacts = contacts.renewed(met) if number < FOLLOW else contacts.and_also(met)
             if not len(contacts.edge):
                 break
             difference, predicted = self._predict(state, contacts, loads, h)

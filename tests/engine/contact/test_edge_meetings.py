@@ -37,8 +37,9 @@ def test_edges_that_stay_away_do_not_meet():
     assert not len(meetings(CROSS, np.full((4, 3), -10.0))[0])
 
 
-@pytest.mark.parametrize(("depth", "times"), [(0.0, [0.0]), (0.008, [0.0]), (0.2, [0.0, 0.05]), (-1.0, [0.0])])
-def test_edges_that_are_near_meet_at_once_and_again_where_they_come_much_nearer(depth, times):
+@pytest.mark.parametrize(
+    ("depth", "times"), [(0.0, [0.0]), (0.0008, [0.0]), (0.008, [0.0, 1.0]), (0.2, [0.0, 0.05]), (-1.0, [0.0])])
+def test_edges_that_are_near_meet_at_once_and_again_where_they_come_nearer(depth, times):
     near = CROSS - np.where(TWO[:, None] == 1, [0.0, 0.0, 0.4], 0.0)
     edge, _, time, before = meetings(near, falling(depth))
     np.testing.assert_array_equal(edge, [[0, 2]] * len(times))
@@ -47,9 +48,11 @@ def test_edges_that_are_near_meet_at_once_and_again_where_they_come_much_nearer(
 
 
 @pytest.mark.parametrize("contacts", range(4))
-def test_known_contacts_are_not_found_again_but_where_they_are_passed(contacts):
+def test_known_contacts_are_found_again_where_they_end_too_near_or_are_passed(contacts):
     known = [(0, 2)] * contacts + [(0, 3), (1, 2)]
-    assert len(meetings(CROSS, falling(0.408), known=known)[0]) == (contacts == 0)
+    assert len(meetings(CROSS, falling(0.4008), known=known)[0]) == (contacts == 0)
+    nearer = meetings(CROSS, falling(0.408), known=known)
+    np.testing.assert_allclose(nearer[2], 1.0 if contacts else 0.4 / 0.408, atol=0.01)
     through = meetings(CROSS, falling(1.0), known=known)
     assert len(through[0]) == 1
     if contacts:

@@ -124,8 +124,10 @@ def test_a_vertex_goes_through_a_rail_in_one_step_and_is_found():
 
 
 @pytest.mark.parametrize("known", range(4))
-def test_known_contacts_are_not_found_again_but_where_they_are_passed(known):
-    assert len(over_rail(0.35, 0.21, known)[0]) == (known == 0)
+def test_known_contacts_are_found_again_where_they_end_too_near_or_are_passed(known):
+    assert len(over_rail(0.35, 0.2004, known)[0]) == (known == 0)
+    _, _, time, *_ = over_rail(0.35, 0.21, known)
+    np.testing.assert_allclose(time, 1.0 if known else 0.2 / 0.21, atol=0.01)
     _, _, time, *_ = over_rail(0.35, 1.0, known)
     assert len(time) == 1
     if known:

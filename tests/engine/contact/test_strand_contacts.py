@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from engine.contact.obstacles import ObstacleKind, Obstacles, motion
-from engine.contact.strand_contacts import SMALL, SOLID, Contacts, Touching, no_contacts
+from engine.contact.strand_contacts import MENDING, MOST, SOLID, Contacts, Touching, no_contacts
 from engine.geometry.handles import Handles, no_handles
 from engine.strands.assembly import StrandAssembly, StrandMaterial
 
@@ -73,13 +73,26 @@ def test_cohesion_reaches_beyond_the_surface(reach, height, number):
     assert len(Touching(model, reach).between_strands(state.x, 0 * state.x, H, no_contacts()).edge) == number
 
 
-@pytest.mark.parametrize("overlap", [0.5 * SMALL, 2.0 * SMALL])
-def test_overlaps_do_not_grow_and_small_ones_are_mended_in_time(overlap):
+@pytest.mark.parametrize("overlap", [0.5 * MOST, 2.0 * MOST])
+def test_overlaps_do_not_grow_and_are_mended_at_a_bounded_rate(overlap):
     model, state = crossing(2 * RADIUS * (1.0 - overlap))
     touching = Touching(model, 0.0)
     kept = [touching.between_strands(state.x, 0 * state.x, h, no_contacts()).kept[0] for h in (1e-6, 1e-3, 1.0)]
     assert kept[0] >= state.x[3, 2] - 1e-15 and np.all(np.diff(kept) >= 0.0) and kept[-1] <= 2 * RADIUS + 1e-15
-    assert kept[-1] == pytest.approx(2 * RADIUS if overlap < SMALL else state.x[3, 2])
+    mended = 2 * RADIUS * min(overlap, MOST)
+    assert kept[1] == pytest.approx(state.x[3, 2] + H / MENDING * mended)
+    assert kept[-1] == pytest.approx(state.x[3, 2] + mended)
+
+
+def test_overlaps_where_hardly_anything_can_yield_stay():
+    model, state = crossing(2 * RADIUS * 0.9)
+    held = np.ones_like(model.held)
+    held[1, :3] = False
+    kept = Touching(model._replace(held=held), 0.0).between_strands(state.x, 0 * state.x, H, no_contacts())
+    free = ~held[kept.edge, 0]
+    share = np.where(free, 1.0 - kept.share, 0.0) + np.where(~held[kept.edge + 1, 0], kept.share, 0.0)
+    mended = kept.kept > state.x[3, 2] + 1e-12
+    np.testing.assert_array_equal(mended, (share**2).sum(axis=1) > 0.1)
 
 
 def test_the_floor_touches_vertices_and_is_told_by_its_number():
