@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 CLOSE = 1e-14  # of the friction, to which the force across the normal is found
+NOTHING = 1e-100  # friction whose square a computer does not know [N]
 MOST = 60  # Newton steps that find it
 
 
@@ -49,7 +50,7 @@ def friction(t1, t2, k1, k2, limit):
     """
     if t1 * t1 + t2 * t2 <= limit * limit:
         return t1, t2, 0.0
-    if limit <= 0.0:
+    if limit <= NOTHING:
         return 0.0, 0.0, np.inf
     # 1 / |r| is concave in a and nearly straight: Newton on it comes from below and does not pass the root
     a = 0.0

@@ -125,8 +125,9 @@ def test_the_secant_of_friction_makes_a_parabola_above_its_potential(t, other, k
     assert there <= above + 1e-9 * (abs(above) + abs(here) + limit * (abs(w1) + abs(w2)))
 
 
-def test_without_a_limit_there_is_no_friction():
-    r1, r2, a = friction(1.0, -2.0, 1.0, 3.0, 0.0)
+@pytest.mark.parametrize("limit", [0.0, 5e-324, 1e-200])
+def test_without_a_limit_there_is_no_friction(limit):
+    r1, r2, a = friction(1.0, -2.0, 1.0, 3.0, limit)
     assert (r1, r2, a) == (0.0, 0.0, np.inf) and friction_slope(r1, r2, 1.0, 3.0, a, True) == (0.0, 0.0, 0.0)
 
 
