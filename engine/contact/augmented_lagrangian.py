@@ -21,6 +21,7 @@ from engine.contact.contact_problem import ContactProblem, align, relative, stif
 from engine.contact.newton_direction import INEXACT, conjugate_gradients, factorise, in_order, stiffness_in_space
 from engine.linalg import banded
 
+INNER = 0.3  # of the tolerance, to which rounds go on, so that strands which follow do not stay behind
 NEWTON = 30  # iterations in a round
 FREE = 5  # rounds, after which limits of friction that swing are damped
 CLOSE = 0.1  # of what the round leaves to the next, that no vertex is to move by in a further iteration
@@ -156,13 +157,13 @@ def solve(
             if far <= goal or (alpha == 1.0 and INEXACT * far <= goal and np.array_equal(slope, before)):
                 break
         missed = _missed(problem, stiffness, r - force)
-        slow = (missed > tolerance) & (missed > SLOW * left)
+        slow = (missed > INNER * tolerance) & (missed > SLOW * left)
         stiffest[slow] = np.minimum(STIFFER * stiffest, STIFFEST * usual)[slow]
         force[:], left = r, missed
         rounds += 1
         error, part = law_error(problem, stiffness, w, force) if penalty is None else (0.0, 0.0)
         moves, last = np.abs(step[:, :3] - last[:, :3]).max(), step
-        if error <= tolerance and (part <= tolerance or moves <= tolerance * touch):
+        if error <= INNER * tolerance and (part <= tolerance or moves <= INNER * tolerance * touch):
             break
     return Answer(rounds, newton, linear, error, step, slope, stiffness)
 
