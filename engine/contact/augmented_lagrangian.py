@@ -29,6 +29,7 @@ SLOW = 0.5  # share of what a contact missed in the round before, above which it
 STIFFER, STIFFEST = 4.0, 256.0  # factor by which its largest stiffness grows then, and by which in all
 ARMIJO = 1e-4  # share of the slope's promise that a step must keep
 SHORTEST = 1e-4  # step below which there is no descent
+ROUND_OFF = 1e-13  # of the potential, that passes for no change
 
 
 class Strands(NamedTuple):
@@ -118,54 +119,89 @@ def solve(
 ) -> Answer:
     """Find the forces at contacts [C, 3] [N] from a first guess that is overwritten.
 
-    Vertices have moved by `moved` [V, 3] [m] in the step where strands are. Rounds end when the law's error is at most
-    `tolerance`, or after `most`. Where there is a `penalty` [C] [N/m], contacts are springs of this stiffness and nothing else.
+    Vertices have moved by `moved` [V, 3] [m] in the step where strands are. Rounds end when the law's error is a share INNER of
+    the `tolerance`, or after `most`; it is infinite where a Hessian has no factor. Where there is a `penalty` [C] [N/m], contacts
+    are springs of this stiffness and nothing else.
     """
-    stiffest, stiffness = align(problem, strands.band, strands.held), np.zeros((len(force), 3))
+    usual = align(problem, strands.band, strands.held)
+    stiffest, stiffness = usual.copy(), np.zeros_like(usual)
     if penalty is not None:
         stiffness[:], force[:], most = penalty[:, None], 0.0, 1
     force[:] = np.einsum("cij,cj->ci", problem.frame, force)
-    step, direction, residual = (np.zeros(strands.gradient.shape) for _ in range(3))
-    w, r, slope = np.empty((len(force), 3)), np.empty((len(force), 3)), np.empty((len(force), 4))
-    start, limit, change = np.empty_like(w), np.zeros(len(force)), np.zeros(len(force))
-    factor, in_space = np.empty_like(strands.band), np.empty((len(force), 3, 3))
-    displacements(problem, moved, start)
-    touch, last, rounds, newton, linear = problem.touch.min(), step, 0, 0, 0
-    usual, error, left = stiffest.copy(), np.inf, np.full(len(force), np.inf)
+    now = _at_start(strands, problem, moved)
+    limit, change, left = np.zeros(len(force)), np.zeros(len(force)), np.full(len(force), np.inf)
+    error, rounds, newton, linear, touch = np.inf, 0, 0, 0, problem.touch.min()
     while rounds < most:
         if penalty is None:
             stiffen(problem, stiffest, force, tolerance, stiffness)
-        update_limits(problem, stiffness, start + _by(problem, step), force, limit, change, rounds >= FREE)
-        value = evaluate(strands, problem, stiffness, limit, force, start, step, w, r, slope, residual, True)
-        for _ in range(NEWTON):
-            stiffness_in_space(problem, slope, in_space)
-            if not factorise(strands, problem, in_space, factor):
-                return Answer(rounds, newton, linear, np.inf, step, slope, stiffness)
-            linear += conjugate_gradients(strands, problem, in_space, factor, residual, direction)
-            promised, before, far = -np.sum(residual * direction), slope.copy(), np.abs(direction[:, :3]).max()
-            alpha = 1.0
-            while True:
-                there = step + alpha * direction
-                reached = evaluate(
-                    strands, problem, stiffness, limit, force, start, there, w, r, slope, residual, alpha == 1.0)
-                if reached <= value + ARMIJO * alpha * promised + 1e-13 * abs(value) or alpha < SHORTEST:
-                    break
-                alpha *= 0.5
-            step = there
-            value, newton = reached, newton + 1
-            goal = CLOSE * max(tolerance, _missed(problem, stiffness, r - force).max()) * touch
-            if far <= goal or (alpha == 1.0 and INEXACT * far <= goal and np.array_equal(slope, before)):
-                break
-        missed = _missed(problem, stiffness, r - force)
+        last = now.step
+        update_limits(problem, stiffness, now.start + _by(problem, last), force, limit, change, rounds >= FREE)
+        now, made, iterations = _newton(strands, problem, stiffness, limit, force, CLOSE * tolerance, now)
+        if made == 0:
+            return Answer(rounds, newton, linear, np.inf, now.step, now.slope, stiffness)
+        missed = _missed(problem, stiffness, now.force - force)
         slow = (missed > INNER * tolerance) & (missed > SLOW * left)
         stiffest[slow] = np.minimum(STIFFER * stiffest, STIFFEST * usual)[slow]
-        force[:], left = r, missed
-        rounds += 1
-        error, part = law_error(problem, stiffness, w, force) if penalty is None else (0.0, 0.0)
-        moves, last = np.abs(step[:, :3] - last[:, :3]).max(), step
-        if error <= INNER * tolerance and (part <= tolerance or moves <= INNER * tolerance * touch):
+        force[:], left = now.force, missed
+        rounds, newton, linear = rounds + 1, newton + made, linear + iterations
+        error, part = law_error(problem, stiffness, now.w, force) if penalty is None else (0.0, 0.0)
+        moves = np.abs(now.step[:, :3] - last[:, :3]).max() / touch
+        if error <= INNER * tolerance and (part <= tolerance or moves <= INNER * tolerance):
             break
-    return Answer(rounds, newton, linear, error, step, slope, stiffness)
+    return Answer(rounds, newton, linear, error, now.step, now.slope, stiffness)
+
+
+class _Iterate(NamedTuple):
+    """Where Newton's iteration is; but for `start` and `step`, arrays are written anew in place."""
+
+    start: Floats  # w without a step, shape [C, 3]
+    step: Floats  # shape [V, 4]
+    w: Floats  # shape [C, 3]
+    force: Floats  # that the law leaves of the springs', shape [C, 3]
+    slope: Floats  # shape [C, 4]
+    residual: Floats  # minus the gradient, shape [V, 4]
+
+
+def _at_start(strands: Strands, problem: ContactProblem, moved: Floats) -> _Iterate:
+    contacts, vertices = len(problem.gap), strands.gradient.shape
+    start = np.empty((contacts, 3))
+    displacements(problem, moved, start)
+    return _Iterate(start, np.zeros(vertices), w=np.empty_like(start), force=np.empty_like(start), slope=np.empty((contacts, 4)),
+                    residual=np.zeros(vertices))
+
+
+def _newton(
+    strands: Strands, problem: ContactProblem, stiffness: Floats, limit: Floats, force: Floats, close: float, now: _Iterate
+) -> tuple[_Iterate, int, int]:
+    """Return where the potential of a round is least, and iterations of Newton (0: no factor) and of conjugate gradients.
+
+    A vertex may still move by what is `close`, in distances of touch, or by a share CLOSE of what the round leaves to the next.
+    """
+    factor, in_space = np.empty_like(strands.band), np.empty((len(force), 3, 3))
+    direction, linear, touch = np.zeros_like(now.step), 0, problem.touch.min()
+
+    def evaluated(step: Floats, tangent: bool) -> float:
+        return evaluate(
+            strands, problem, stiffness, limit, force, now.start, step, now.w, now.force, now.slope, now.residual, tangent)
+
+    value = evaluated(now.step, True)
+    for iteration in range(NEWTON):
+        stiffness_in_space(problem, now.slope, in_space)
+        if not factorise(strands, problem, in_space, factor):
+            return now, 0, linear
+        linear += conjugate_gradients(strands, problem, in_space, factor, now.residual, direction)
+        promised, slope, far = -np.sum(now.residual * direction), now.slope.copy(), np.abs(direction[:, :3]).max() / touch
+        alpha, step = 1.0, now.step + direction
+        reached = evaluated(step, True)
+        while reached > value + ARMIJO * alpha * promised + ROUND_OFF * abs(value) and alpha >= SHORTEST:
+            alpha *= 0.5
+            step = now.step + alpha * direction
+            reached = evaluated(step, False)
+        now, value = now._replace(step=step), reached
+        enough = max(close, CLOSE * _missed(problem, stiffness, now.force - force).max())
+        if far <= enough or (alpha == 1.0 and INEXACT * far <= enough and np.array_equal(now.slope, slope)):
+            return now, iteration + 1, linear
+    return now, NEWTON, linear
 
 
 def _missed(problem: ContactProblem, stiffness: Floats, force: Floats) -> Floats:
