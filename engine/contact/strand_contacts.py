@@ -1,8 +1,9 @@
 """Where strands touch each other and solids within a step, found without passing anything over (Fei 2019, sec. 13.6).
 
 Pairs that are near at the start of a step are in contact with the shape they have there. All others, and those that come much
-nearer than they were, are in contact where they first touch on the way that the step would take. A contact keeps its places on
-the strands and its normal for the rest of the step; where the way that follows leads through somewhere else, contacts are added.
+nearer than they were, are in contact where they first touch on the way that the step would take. A contact has the places on the
+strands and the normal that it was made with. Where sides slide and turn so far that they would end nearer than they began, they
+meet anew where they end; that takes the place of the contact close by, or is one more.
 """
 
 from typing import NamedTuple

@@ -34,7 +34,7 @@ def follow(s, ds, slip, reach, pull):
             along += ds[k] * s[k] / max(slip, 1e-300)
     square = 0.0
     for k in range(3):
-        pull[k] = (s[k] + ds[k] - along * pull[k]) / max(slip, reach, 1e-300)
+        pull[k] = s[k] + ds[k] - along * pull[k]
         square += pull[k] ** 2
     for k in range(3):
-        pull[k] /= max(np.sqrt(square), 1.0)
+        pull[k] /= max(np.sqrt(square), slip, reach, 1e-300)

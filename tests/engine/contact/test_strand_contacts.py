@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from engine.contact.obstacles import ObstacleKind, Obstacles, motion
-from engine.contact.strand_contacts import MENDING, MOST, SOLID, Contacts, Touching, no_contacts
+from engine.contact.strand_contacts import CLOSE_BY, MENDING, MOST, SOLID, Contacts, Touching, no_contacts
 from engine.geometry.handles import Handles, no_handles
 from engine.strands.assembly import StrandAssembly, StrandMaterial
 
@@ -173,3 +173,25 @@ def test_strands_of_contacts():
     contacts = some_contacts()._replace(edge=np.array([[0, SOLID]] * 12))
     np.testing.assert_array_equal(touching.strands_of(contacts), [True, False])
     np.testing.assert_array_equal(touching.strands_of(contacts._replace(edge=np.array([[0, 3]] * 12))), [True, True])
+
+
+def test_contacts_met_anew_take_the_place_and_the_forces_of_those_close_by():
+    old = some_contacts(number=6)._replace(edge=np.array([[0, 10], [1, 11], [2, 12], [3, SOLID], [4, SOLID], [5, 13]]))
+    old = old._replace(share=np.array([[0.5, 0.5], [0.5, 0.5], [0.5, 0.5], [0.5, 0.0], [0.0, 0.0], [0.5, 0.5]]))
+    met = Contacts(*(values[:5].copy() for values in old))
+    # close by, too far along the second edge, at the very place, far along the solid, within an edge that begins at a contact
+    moved = [[0.45, 0.55], [0.5, 0.5 + 2 * CLOSE_BY], [0.5, 0.5], [0.5 - 2 * CLOSE_BY, 0.0], [0.5 * CLOSE_BY, 0.0]]
+    met = met._replace(share=np.array(moved), force=np.zeros((5, 3)))
+    made = old.renewed(met)
+    assert len(made.edge) == 6 + 5 - 2
+    np.testing.assert_allclose(made.force.sum(axis=0), old.force.sum(axis=0))
+    for replaced in (0, 2):
+        at = np.flatnonzero(made.edge[:, 0] == replaced)
+        np.testing.assert_allclose(made.share[at], [moved[replaced]])
+        np.testing.assert_allclose(made.force[at], old.force[replaced : replaced + 1])
+
+
+def test_contacts_met_first_are_all_there_are():
+    met = some_contacts()
+    np.testing.assert_array_equal(no_contacts().renewed(met).edge, no_contacts().and_also(met).edge)
+    np.testing.assert_array_equal(met.renewed(no_contacts()).edge, met.edge)

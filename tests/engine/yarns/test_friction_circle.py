@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from engine.yarns import friction, friction_circle
@@ -85,6 +85,9 @@ def test_the_pull_without_an_update_is_the_force_over_its_limit(u, anchor, slope
 
 @settings(deadline=None)
 @given(u=PLACES, du=PLACES, slope=SLOPES, before=st.tuples(*[st.floats(-0.5, 0.5)] * 3), limit=st.floats(0.0, 10.0))
+@example(  # a slip whose square is no number any more, without friction
+    u=np.array([7.4e-289, 0.0]), du=np.array([1.0, 0.0]), slope=np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]),
+    before=(0.0, 0.0, 0.5), limit=0.0)
 def test_no_pull_is_more_than_the_limit_or_makes_the_hessian_negative(u, du, slope, before, limit):
     pull = updated(np.array(before), u, du, np.zeros(2), slope, 1.0, limit)
     assert np.linalg.norm(pull) <= 1.0 + 1e-12
