@@ -1,7 +1,6 @@
 """Strands in contact: a bundle that lies over a cylinder, by the number of strands, and what precision costs."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from math import isqrt
 from statistics import median
 from time import perf_counter
@@ -37,7 +36,7 @@ def strand_contacts() -> Iterator[Measurement]:
 def by_size(counts: Sequence[int]) -> Iterator[Measurement]:
     """Yield a row for every number of strands: the median time of a step, and the contacts that press in it."""
     for count in counts:
-        bundle = Bundle(count)
+        bundle = Bundle(*laid(count))
         seconds, reports = [], []
         for _ in range(WARM_UP + TIMED):
             began = perf_counter()
@@ -55,12 +54,12 @@ def by_size(counts: Sequence[int]) -> Iterator[Measurement]:
 
 def by_tolerance(count: int, tolerances: Sequence[float]) -> Iterator[Measurement]:
     """Yield a row for every tolerance of the same step; its error is how far off the most exact one vertices end, in touches."""
-    bundle = Bundle(count)
+    bundle = Bundle(*laid(count))
     for _ in range(WARM_UP):
         bundle.step()
     ends, seconds, iterations = [], [], []
     for tolerance in tolerances:
-        copy = bundle.copy(tolerance)
+        copy = Bundle(bundle.model, bundle.state.copy(), tolerance)
         began = perf_counter()
         report = copy.step()
         seconds.append(perf_counter() - began)
@@ -74,22 +73,15 @@ def by_tolerance(count: int, tolerances: Sequence[float]) -> Iterator[Measuremen
 class Bundle:
     """Strands side by side and on each other, over a fixed cylinder."""
 
-    def __init__(self, count: int):
-        """Lay `count` strands in a square bundle."""
-        self.model, self.state = bundle(count)
-        self.stepper = StrandStepper(self.model, GRAVITY)
+    def __init__(self, model: StrandModel, state: StrandState, tolerance: float = StrandSettings.contact_tolerance):
+        """Take strands of `laid`; `tolerance` is that of contact."""
+        self.model, self.state = model, state
+        self.stepper = StrandStepper(model, GRAVITY, StrandSettings(contact_tolerance=tolerance))
         centre = np.array([[0.0, 0.0, -CYLINDER - RADIUS * APART]])
         lying = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]])
         kind, size = np.array([ObstacleKind.CYLINDER]), np.array([[CYLINDER, 1.0, 0.0]])
         solid = Obstacles(kind, centre, lying, size, np.array([FRICTION]))
         self.obstacles = motion(solid, no_handles(), 0.0, STEP)
-
-    def copy(self, tolerance: float) -> "Bundle":
-        """Return a bundle in the same state with another tolerance of contact."""
-        other = Bundle.__new__(Bundle)
-        other.model, other.state, other.obstacles = self.model, self.state.copy(), self.obstacles
-        other.stepper = StrandStepper(self.model, GRAVITY, replace(StrandSettings(), contact_tolerance=tolerance))
-        return other
 
     def step(self) -> StepReport:
         """Advance; raises RuntimeError where the step is rejected."""
@@ -99,7 +91,7 @@ class Bundle:
         return report
 
 
-def bundle(count: int) -> tuple[StrandModel, StrandState]:
+def laid(count: int) -> tuple[StrandModel, StrandState]:
     """Return so many straight strands along x, a square of them, free at both ends."""
     assembly, side, along = StrandAssembly(), isqrt(count), np.linspace(-0.5, 0.5, VERTICES) * LENGTH
     for k in range(count):

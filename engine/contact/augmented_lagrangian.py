@@ -6,8 +6,8 @@ strand is solved with all of its contacts at once. Contacts are springs of about
 off by Coulomb's law; what a spring is short of is added to its force, until springs are at rest where the law wants them
 (`cones`). What is left in between is convex and smooth but for kinks: Newton's iterations with conjugate gradients,
 preconditioned by the banded factor of every strand with its own ends of contacts (`newton_direction`). Where a step along such a
-direction has to be shortened, the secants of friction take the place of its slopes in the next: sides that slide to and fro are
-found in 40 % of the iterations. Limits of friction are those of the round before.
+direction has to be shortened, the secants of friction take the place of its slopes in the next: the first impact of two bundles
+took 349 iterations and 8,524 of conjugate gradients, then 190 and 5,343. Limits of friction are those of the round before.
 """
 
 from typing import NamedTuple
@@ -152,7 +152,7 @@ def solve(
 
 
 class _Iterate(NamedTuple):
-    """Where Newton's iteration is; but for `start` and `step`, arrays are written anew in place."""
+    """Where Newton's iteration is, and its memory; but for `start` and `step`, arrays are written anew in place."""
 
     start: Floats  # w without a step, shape [C, 3]
     step: Floats  # shape [V, 4]
@@ -160,14 +160,19 @@ class _Iterate(NamedTuple):
     force: Floats  # that the law leaves of the springs', shape [C, 3]
     slope: Floats  # shape [C, 4]
     residual: Floats  # minus the gradient, shape [V, 4]
+    direction: Floats  # shape [V, 4]
+    in_space: Floats  # stiffness of contacts [N/m], shape [C, 3, 3]
+    factor: Floats  # of strands with their own ends of contacts, shape [4V, 11]
 
 
 def _at_start(strands: Strands, problem: ContactProblem, moved: Floats) -> _Iterate:
     contacts, vertices = len(problem.gap), strands.gradient.shape
     start = np.empty((contacts, 3))
     displacements(problem, moved, start)
-    return _Iterate(start, np.zeros(vertices), w=np.empty_like(start), force=np.empty_like(start), slope=np.empty((contacts, 4)),
-                    residual=np.zeros(vertices))
+    return _Iterate(
+        start, np.zeros(vertices), w=np.empty_like(start), force=np.empty_like(start), slope=np.empty((contacts, 4)),
+        residual=np.zeros(vertices), direction=np.zeros(vertices), in_space=np.empty((contacts, 3, 3)),
+        factor=np.empty_like(strands.band))
 
 
 def _newton(
@@ -177,8 +182,7 @@ def _newton(
 
     A vertex may still move by what is `close`, in distances of touch, or by a share CLOSE of what the round leaves to the next.
     """
-    factor, in_space = np.empty_like(strands.band), np.empty((len(force), 3, 3))
-    direction, linear, touch = np.zeros_like(now.step), 0, problem.touch.min()
+    linear, touch = 0, problem.touch.min()
 
     def evaluated(step: Floats, tangent: bool) -> float:
         return evaluate(
@@ -186,16 +190,16 @@ def _newton(
 
     value = evaluated(now.step, True)
     for iteration in range(NEWTON):
-        stiffness_in_space(problem, now.slope, in_space)
-        if not factorise(strands, problem, in_space, factor):
+        stiffness_in_space(problem, now.slope, now.in_space)
+        if not factorise(strands, problem, now.in_space, now.factor):
             return now, 0, linear
-        linear += conjugate_gradients(strands, problem, in_space, factor, now.residual, direction)
-        promised, slope, far = -np.sum(now.residual * direction), now.slope.copy(), np.abs(direction[:, :3]).max() / touch
-        alpha, step = 1.0, now.step + direction
+        linear += conjugate_gradients(strands, problem, now.in_space, now.factor, now.residual, now.direction)
+        promised, far = -np.sum(now.residual * now.direction), np.abs(now.direction[:, :3]).max() / touch
+        slope, alpha, step = now.slope.copy(), 1.0, now.step + now.direction
         reached = evaluated(step, True)
         while reached > value + ARMIJO * alpha * promised + ROUND_OFF * abs(value) and alpha >= SHORTEST:
             alpha *= 0.5
-            step = now.step + alpha * direction
+            step = now.step + alpha * now.direction
             reached = evaluated(step, False)
         now, value = now._replace(step=step), reached
         enough = max(close, CLOSE * _missed(problem, stiffness, now.force - force).max())

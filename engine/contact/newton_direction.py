@@ -16,7 +16,7 @@ MOST = 200  # iterations
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def stiffness_in_space(problem, slope, stiffness):
-    """Write what forces of contacts fall by along the axes of space, `stiffness` [C, 3, 3]; `slope` [C, 4] is in their frames."""
+    """Write what forces fall by in space, `stiffness` [C, 3, 3] [N/m]: `slope` [C, 4] [N/m] in their frames, turned."""
     for c in prange(len(slope)):
         frame, along, across_11, across_12, across_22 = problem.frame[c], slope[c, 0], slope[c, 1], slope[c, 2], slope[c, 3]
         for a in range(3):
@@ -28,7 +28,7 @@ def stiffness_in_space(problem, slope, stiffness):
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def factorise(strands, problem, stiffness, factor):
-    """Write the factor of M [4V, 11], with contacts of a `stiffness` [C, 3, 3]; returns whether there is one."""
+    """Write the factor of M [4V, 11], with contacts of a `stiffness` [C, 3, 3] [N/m]; returns whether there is one."""
     good = np.ones(len(problem.strand), np.bool_)
     for i in prange(len(problem.strand)):
         first, last = strands.start[problem.strand[i]], strands.start[problem.strand[i] + 1]
@@ -53,7 +53,7 @@ def factorise(strands, problem, stiffness, factor):
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def conjugate_gradients(strands, problem, stiffness, factor, b, x):
-    """Write the solution x [V, 4] for the right-hand side b [V, 4]; returns the iterations.
+    """Write the solution x [V, 4] [m, rad] for the right-hand side b [V, 4] [N, N m]; returns the iterations.
 
     `factor` is that of M. Sums are made in the order of strands, so that they are the same on any number of threads.
     """

@@ -10,7 +10,7 @@ SHORTEST = 1e-100  # length of an edge whose ends coincide: its square is no zer
 def edge_angle(x, a, b, c, d, t, s):
     """Return the lengths of the edges from x[a] to x[b] and from x[c] to x[d], and cosine and sine of the angle between them.
 
-    Writes their unit directions t [3] and s [3].
+    Places x [V, 3] and lengths are in m. Writes their unit directions t [3] and s [3].
     """
     la = lc = 0.0
     for k in range(3):

@@ -113,7 +113,7 @@ def begin(model, inertia, s, x, m1, twist, step, now, base):
 
 @njit(cache=True, error_model="numpy")
 def shape(x, m1, twist, g):
-    """Write the shape of a strand at x [V, 3] with material directions m1 [V, 3] of edges and twist [V] to g."""
+    """Write the shape of a strand at x [V, 3] [m] with material directions m1 [V, 3] of edges and twist [V] [rad] to g."""
     edges(x, g.t, g.length)
     g.twist[:] = twist
     for i in range(len(x) - 1):

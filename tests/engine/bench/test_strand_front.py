@@ -1,26 +1,18 @@
 """The benchmark of speed against error of strands at sizes that say nothing about speed: errors that fall, the peer beside."""
 
-import builtins
-
 import numpy as np
 import pytest
 
 from engine.bench import hair_flip, peer_rod, rod_problems, strand_front, suite
 from engine.bench.suite import Note
 from engine.strands.settings import StrandSettings
+from tests.engine.bench.peers import without
 
 
 @pytest.fixture
 def alone(monkeypatch):
     """A machine without the peer."""
-    real = builtins.__import__
-
-    def without(name, *rest):
-        if name == "elastica":
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    without(monkeypatch, "elastica")
 
 
 def test_more_segments_bring_the_tip_of_the_cantilever_nearer_to_the_elastica(alone):

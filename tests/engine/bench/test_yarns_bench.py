@@ -1,6 +1,5 @@
 """The benchmark of yarns at sizes that say nothing about speed: that its rows are whole and mean what they say."""
 
-import builtins
 import json
 
 import numpy as np
@@ -10,6 +9,7 @@ from engine.bench import suite
 from engine.bench import yarns as bench
 from engine.yarns.model import PointKind
 from engine.yarns.settings import YarnSettings
+from tests.engine.bench.peers import without
 
 
 def test_rows_of_steps_are_whole():
@@ -65,14 +65,7 @@ def test_the_peer_solves_the_same_system():
 
 
 def test_without_the_peer_its_row_is_left_out(monkeypatch):
-    real = builtins.__import__
-
-    def without(name, *rest):
-        if name == "pyamg":
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    without(monkeypatch, "pyamg")
     assert list(bench.against_peer(100)) == []
 
 
