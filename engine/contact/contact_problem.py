@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from engine.arrays import Floats, Ints
 from engine.contact.strand_contacts import Contacts
@@ -62,7 +62,7 @@ def _frames(normal: Floats) -> Floats:
     return np.stack([normal, first, np.cross(normal, first)], axis=1)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, parallel=True, error_model="numpy")
 def align(problem, band, held):
     """Turn the frames so that contacts are softest in one direction across the normal; returns their largest stiffness [C, 3].
 
@@ -70,9 +70,9 @@ def align(problem, band, held):
     at a time, and what is `held` [V, 4]. What vertices yield adds up: strands that cross are soft along each other, for neither
     can hold the other.
     """
-    stiffness, soft = np.empty((len(problem.gap), 3)), np.empty((3, 3))
-    for c in range(len(problem.gap)):
-        frame = problem.frame[c]
+    stiffness = np.empty((len(problem.gap), 3))
+    for c in prange(len(problem.gap)):
+        frame, soft = problem.frame[c], np.empty((3, 3))
         _softness(problem, band, held, c, soft)
         angle = 0.5 * np.arctan2(2.0 * soft[1, 2], soft[1, 1] - soft[2, 2])
         cosine, sine = np.cos(angle), np.sin(angle)
@@ -149,11 +149,13 @@ def springs_of(contacts: Contacts, problem: ContactProblem, force: Floats, slope
 
     `force` [C, 3] [N] is in the frames, and `slope` [C, 4] [N/m] what it falls by: along the normal, and across 11, 12, 22.
     """
-    push = np.einsum("cij,ci->cj", problem.frame, force)
+    acts = np.any(force != 0.0, axis=1) | np.any(slope != 0.0, axis=1)
+    contacts, force, slope, frame = contacts.those(acts), force[acts], slope[acts], problem.frame[acts]
+    push = np.einsum("cij,ci->cj", frame, force)
     local = np.zeros((len(force), 3, 3))
     local[:, 0, 0], local[:, 1, 1], local[:, 2, 2] = slope[:, 0], slope[:, 1], slope[:, 3]
     local[:, 1, 2] = local[:, 2, 1] = slope[:, 2]
-    stiffness = np.einsum("cia,cij,cjb->cab", problem.frame, local, problem.frame)
+    stiffness = np.einsum("cia,cij,cjb->cab", frame, local, frame)
     second = contacts.edge[:, 1] >= 0
     vertex = np.concatenate([contacts.edge[:, 0], contacts.edge[second, 1]])
     share = np.concatenate([contacts.share[:, 0], contacts.share[second, 1]])

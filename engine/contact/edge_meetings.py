@@ -1,8 +1,9 @@
 """Where edges of strands are near each other at the start of a step, or come to touch in it."""
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
+from engine.arrays import Floats, Ints
 from engine.geometry.moving_segments import first_near
 from engine.geometry.segment_distance import nearest_on_segments
 
@@ -13,50 +14,62 @@ LEVEL = 0.05  # of the distance at which edges touch, by which it changes along 
 LOOP = np.pi / 2  # least length of strand between two of its edges that touch, in the distance at which they do
 
 
-@njit(cache=True, error_model="numpy")
-def find(pairs, x, motion, radius, near, strand, along, known):
+def find(
+    pairs: Ints, x: Floats, motion: Floats, radius: Floats, near: Floats, strand: Ints, along: Floats, known: Ints
+) -> tuple[Ints, Floats, Floats, Floats]:
     """Return edges [M, 2], shares of them [M, 2], shares of the way [M] and distances at its start [M] [m] of meetings.
 
     `pairs` [P, 2] of edges, by their first vertices, are looked at while vertices go from x [V, 3] along `motion` [V, 3] [m].
     They are near, at the start, within the sum of `near` [V], and touch within that of `radius` [V] [m]. `strand` [V] and `along`
     [V] [m] are where vertices are. `known` are the keys (a << 32) + b of contacts that there are, ascending.
     """
-    edge, share = np.empty((2 * len(pairs), 2), np.int64), np.empty((2 * len(pairs), 2))
-    time, before, count = np.empty(2 * len(pairs)), np.empty(2 * len(pairs)), 0
-    ends = np.empty((4, 3))
-    for p in range(len(pairs)):
+    share, time, before = np.empty((len(pairs), 2, 2)), np.empty((len(pairs), 2)), np.empty(len(pairs))
+    _meet(pairs, x, motion, radius, near, strand, along, known, share, time, before)
+    pair, number = np.nonzero(time <= 1.0)
+    return pairs[pair], share[pair, number], time[pair, number], before[pair]
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def _meet(pairs, x, motion, radius, near, strand, along, known, share, time, before):
+    """Write what `_meeting` returns of all pairs, to which there are `known` keys of contacts or not."""
+    for p in prange(len(pairs)):
         a, b = pairs[p, 0], pairs[p, 1]
-        touch = radius[a] + radius[b]
-        if strand[a] == strand[b] and along[b] - along[a + 1] < LOOP * touch:
-            continue
-        s, t, square = nearest_on_segments(x[a], x[a + 1], x[b], x[b + 1])
-        distance = np.sqrt(square)
         key = (a << 32) + b
         met = np.searchsorted(known, key + 1) - np.searchsorted(known, key)
-        if met == 0 and distance <= near[a] + near[b]:
-            met = 1
-            s, t = _middle(x, a, b, s, t, distance + LEVEL * touch)
-            if not (_is_next(s, a, strand) or _is_next(t, b, strand)):
-                edge[count, 0], edge[count, 1], share[count, 0], share[count, 1] = a, b, s, t
-                time[count], before[count] = 0.0, distance
-                count += 1
-        if distance <= COINCIDENT * touch:
-            continue
-        limit = touch if met == 0 else DEEP * min(distance, touch)
-        when = first_near(x, motion, a, b, limit, ends)
-        if when > 1.0 and met > 0:  # places and normals of contacts are those that they were made with, and edges slide and turn
-            for k in range(3):
-                ends[0, k], ends[1, k] = x[a, k] + motion[a, k], x[a + 1, k] + motion[a + 1, k]
-                ends[2, k], ends[3, k] = x[b, k] + motion[b, k], x[b + 1, k] + motion[b + 1, k]
-            least = min(distance, touch) - SLACK * touch
-            if nearest_on_segments(ends[0], ends[1], ends[2], ends[3])[2] < least * least:
-                when = 1.0
-        if when <= 1.0:
-            s, t, _ = nearest_on_segments(ends[0], ends[1], ends[2], ends[3])
-            edge[count, 0], edge[count, 1], share[count, 0], share[count, 1] = a, b, s, t
-            time[count], before[count] = when, distance
-            count += 1
-    return edge[:count], share[:count], time[:count], before[:count]
+        time[p] = np.inf
+        if strand[a] != strand[b] or along[b] - along[a + 1] >= LOOP * (radius[a] + radius[b]):
+            before[p] = _meeting(a, b, x, motion, radius[a] + radius[b], near[a] + near[b], strand, met > 0, share[p], time[p])
+
+
+@njit(cache=True, error_model="numpy")
+def _meeting(a, b, x, motion, touch, near, strand, met, share, time):
+    """Write where edges a and b are near at the start, and where they touch on the way, shares [2, 2] of them and times [2].
+
+    These stay as they are where the edges are not or do not. Edges that have `met` have a contact. Returns the distance at the
+    start.
+    """
+    ends = np.empty((4, 3))
+    s, t, square = nearest_on_segments(x[a], x[a + 1], x[b], x[b + 1])
+    distance = np.sqrt(square)
+    if not met and distance <= near:
+        met = True
+        s, t = _middle(x, a, b, s, t, distance + LEVEL * touch)
+        if not (_is_next(s, a, strand) or _is_next(t, b, strand)):
+            share[0, 0], share[0, 1], time[0] = s, t, 0.0
+    if distance <= COINCIDENT * touch:
+        return distance
+    when = first_near(x, motion, a, b, DEEP * min(distance, touch) if met else touch, ends)
+    if when > 1.0 and met:  # places and normals of contacts are those that they were made with, and edges slide and turn
+        for k in range(3):
+            ends[0, k], ends[1, k] = x[a, k] + motion[a, k], x[a + 1, k] + motion[a + 1, k]
+            ends[2, k], ends[3, k] = x[b, k] + motion[b, k], x[b + 1, k] + motion[b + 1, k]
+        least = min(distance, touch) - SLACK * touch
+        if nearest_on_segments(ends[0], ends[1], ends[2], ends[3])[2] < least * least:
+            when = 1.0
+    if when <= 1.0:
+        s, t, _ = nearest_on_segments(ends[0], ends[1], ends[2], ends[3])
+        share[1, 0], share[1, 1], time[1] = s, t, when
+    return distance
 
 
 @njit(cache=True)

@@ -14,11 +14,12 @@ from numba import njit
 from engine.arrays import Flags, Floats, Ints
 from engine.contact import edge_meetings, solid_meetings
 from engine.contact.obstacles import ObstacleMotion
-from engine.geometry.near_segments import near_pairs
+from engine.geometry.near_segments import NearSegments
 from engine.geometry.segment_distance import nearest_on_segments
 from engine.geometry.solids import moved_along
 from engine.strands.model import StrandModel
 
+ASTRAY = 0.5  # of the least radius, that vertices may stray from where they are expected before near edges are searched again
 NEAR = 0.05  # of the distance at which two touch, within which they are in contact from the start
 MENDING = 5e-3  # time in which an overlap is taken back [s]
 MOST = 0.1  # of the distance at which two touch, that is taken back of an overlap in that time
@@ -104,13 +105,17 @@ class Contacts(NamedTuple):
         at = order[np.minimum(np.searchsorted(other[order], key), len(other) - 1)]
         close = (other[at] == key) & (np.abs(self.share - met.share[at]).max(axis=1) < CLOSE_BY)
         np.add.at(met.force, at[close], self.force[close])
-        return Contacts(*(values[~close] for values in self)).and_also(met)
+        return self.those(~close).and_also(met)
 
     def unmended(self, which: Flags) -> "Contacts":
         """Return these contacts, of which those `which` [C] take back none of their overlap, and begin without force."""
         return self._replace(
             kept=np.where(which, self.kept - self.mended, self.kept), mended=np.where(which, 0.0, self.mended),
             force=np.where(which[:, None], 0.0, self.force))
+
+    def those(self, which: Flags) -> "Contacts":
+        """Return the contacts `which` [C]."""
+        return Contacts._make(values[which] for values in self)
 
     def and_also(self, more: "Contacts") -> "Contacts":
         """Return these and more contacts, in the order of their edges."""
@@ -130,7 +135,7 @@ class Touching:
 
     def __init__(self, model: StrandModel, reach: float):
         """Keep what does not change; strands whose surfaces are nearer than `reach` [m] are in contact at the start, too."""
-        self.friction, self.reach = model.friction, reach
+        self.friction = model.friction
         self.last = np.zeros(len(model.mass), np.bool_)  # vertices of strands
         self.last[model.start[1:] - 1] = True
         self.segment = np.flatnonzero(~self.last)
@@ -138,6 +143,9 @@ class Touching:
         self.radius = np.sqrt(model.radius[:, 0] * model.radius[:, 1])
         self.fixed: Flags = np.logical_and.reduce(model.held[:, :3], axis=1)
         self.along = np.concatenate([[0.0], np.cumsum(model.rest_length)[:-1]])
+        self.around = (1.0 + NEAR) * self.radius + 0.5 * reach
+        own = self.segment
+        self.near = NearSegments(own, self.around[own], ASTRAY * self.radius[own].min(initial=np.inf))
 
     def strands_of(self, contacts: Contacts) -> Flags:
         """Return which strands have one of the contacts, shape [S]."""
@@ -151,11 +159,10 @@ class Touching:
 
         Two edges whose motion is given have none.
         """
-        near = (1.0 + NEAR) * self.radius + 0.5 * self.reach
-        pairs = self.segment[near_pairs(x, motion, self.segment, near[self.segment])]
+        pairs = self.segment[self.near.along(x, motion)]
         given = self.fixed[pairs] & self.fixed[pairs + 1]
         edge, share, time, before = edge_meetings.find(
-            pairs[~given.all(axis=1)], x, motion, self.radius, near, self.strand, self.along, np.sort(_keys(known.edge)))
+            pairs[~given.all(axis=1)], x, motion, self.radius, self.around, self.strand, self.along, np.sort(_keys(known.edge)))
         place = _on(edge, share, x)
         apart = place[:, 0] - place[:, 1]
         way = _on(edge, share, motion)

@@ -17,6 +17,31 @@ ROOM = 16  # pairs of a segment that there is room for at first
 HASH_X, HASH_Y, HASH_Z = 73856093, 19349663, 83492791  # Teschner et al. 2003, sec. 4.1
 
 
+class NearSegments:
+    """Segments that may come near each other on a way known beforehand, and what else is about that way."""
+
+    def __init__(self, segment: Ints, reach: Floats, margin: float):
+        """Take what `near_pairs` does, and how far [m] a vertex may stray from the way for the pairs to be valid."""
+        self.segment, self.reach, self.margin = segment, reach, margin
+        self.x = self.motion = np.zeros((0, 3))
+        self.pairs = np.zeros((0, 2), np.int64)
+
+    def look_ahead(self, x: Floats, motion: Floats) -> None:
+        """Find the pairs for a `motion` [V, 3] from x [V, 3] [m] that vertices are expected to take."""
+        self.x, self.motion = x.copy(), motion.copy()
+        self.pairs = near_pairs(x, motion, self.segment, self.reach + self.margin)
+
+    def along(self, x: Floats, motion: Floats) -> Ints:
+        """Return the pairs for a `motion` [V, 3] from x [V, 3] [m]: those of the way looked at last if that is about the same."""
+        if not np.array_equal(x, self.x) or (motion.any() and self._astray(motion) > self.margin):
+            self.look_ahead(x, motion)
+        return self.pairs
+
+    def _astray(self, motion: Floats) -> float:
+        off = motion - self.motion
+        return float(np.linalg.norm(off - off.mean(axis=0), axis=1).max(initial=0.0))
+
+
 def near_pairs(x: Floats, motion: Floats, segment: Ints, reach: Floats) -> Ints:
     """Return the pairs a < b of segments, by their places in `segment`, that may come nearer than both reaches, shape [n, 2].
 

@@ -54,6 +54,8 @@ class StrandStepper:
         """
         report, watch, settings = StepReport(), Stopwatch(), self.settings
         after = self._first_guess(state, given)
+        if settings.contact != "none":
+            self.touching.near.look_ahead(state.x, h * state.velocity)
         contacts = self._near(state, np.zeros_like(state.x), h, obstacles, no_contacts())
         contacts = contacts.with_forces(state.contact_key, state.contact_force)
         difference, predicted = self._predict(state, contacts, loads, h)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from engine.geometry.near_segments import near_pairs
+from engine.geometry.near_segments import NearSegments, near_pairs
 from engine.geometry.segment_distance import nearest_on_segments
 
 TIMES = np.linspace(0.0, 1.0, 21)
@@ -58,3 +58,33 @@ def test_one_that_is_a_thousand_times_longer_is_found_all_along():
     segment = np.arange(0, len(x), 2)
     found = near_pairs(x, np.zeros_like(x), segment, np.full(len(segment), 0.2))
     assert {(0, j) for j in range(1, len(segment))} <= {tuple(pair) for pair in found.tolist()}
+
+
+def all_of(found):
+    return {tuple(pair) for pair in found.tolist()}
+
+
+def test_what_is_found_for_a_way_serves_ways_about_it_and_the_start():
+    rng = np.random.default_rng(3)
+    x, segment = lines(rng, 8, 0.3)
+    motion, reach, margin = rng.normal(size=x.shape), np.full(len(segment), 0.1), 0.05
+    near = NearSegments(segment, reach, margin)
+    near.look_ahead(x, motion)
+    found = near.pairs
+    drift = np.array([5.0, 0.0, 0.0])  # of all of them alike
+    off = rng.normal(size=x.shape)
+    off *= 0.4 * margin / np.linalg.norm(off, axis=1).max()
+    for way in (motion, np.zeros_like(x), motion + off, motion + drift):
+        assert near.along(x, way) is found
+        assert all_of(near_pairs(x, way, segment, reach)) <= all_of(found)
+    assert near.along(x, motion * 1.5) is not found
+    assert near.along(x + 1e-9, np.zeros_like(x)) is not found
+
+
+def test_there_is_room_for_more_pairs_than_expected():
+    x = np.zeros((120, 3))
+    x[1::2, 0] = 1.0
+    x[:, 1] = np.repeat(np.linspace(0.0, 0.01, 60), 2)
+    segment = np.arange(0, 120, 2)
+    found = near_pairs(x, np.zeros_like(x), segment, np.full(60, 0.1))
+    np.testing.assert_array_equal(found, np.array(list(combinations(range(60), 2))))
