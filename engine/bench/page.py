@@ -1,6 +1,7 @@
 """Benchmark results as one HTML page: per benchmark a table, plots of seconds by size, of error by seconds and iterations."""
 
 from html import escape
+from itertools import product
 
 from engine.validate.html import number, page, table
 from engine.validate.plot import Series, loglog
@@ -12,7 +13,7 @@ _COLUMNS = [
 
 def bench_page(results: list[dict]) -> str:
     """Return the page for the results of `engine.bench.suite.run`, self-contained."""
-    lead = ["Medians of repeated runs."]
+    lead = ["Medians of repeated runs; where solvers converge, single ones."]
     if results:
         machine = results[0]["machine"]
         lead.append(
@@ -38,12 +39,11 @@ def _section(result: dict) -> str:
     exponent = "" if result["exponent"] is None else f"seconds grow as size to the power {result['exponent']:.2f}"
     note = f'<p class="fail">{escape(result["note"])}</p>' if result["note"] else ""
     if ranked:
-        plots = _errors(result["rows"], "seconds", "seconds")
+        plots = _errors(result["rows"], {"seconds": "seconds"})
     else:
         title = f"{result['name']}: seconds against size, both logarithmic"
-        converging = [row for row in result["rows"] if row["converging"]]
         plots = [loglog(title, "size", "seconds", _series([row for row in result["rows"] if not row["converging"]]))]
-        plots += _errors(converging, "size", "iterations") + _errors(converging, "seconds", "seconds")
+        plots += _errors([row for row in result["rows"] if row["converging"]], {"size": "iterations", "seconds": "seconds"})
     return (
         f'<section aria-labelledby="{name}"><div class="head"><h2 id="{name}">{name}</h2>'
         f'<span class="soft">{exponent}</span></div><p>{escape(result["summary"])}</p>{note}'
@@ -60,10 +60,14 @@ def _cell(value: float | str | None) -> str:
     return value if isinstance(value, str) else number(value)
 
 
-def _errors(rows: list[dict], key: str, name: str) -> list[str]:
-    """One plot per scene of error against the `key` of rows, with a series for every other knob; a case is "scene, knob"."""
+def _errors(rows: list[dict], axes: dict[str, str]) -> list[str]:
+    """Plots of error, one per scene and axis, with a series for every other knob; a case is "scene, knob".
+
+    `axes` are keys of rows, with the names that they have in plots.
+    """
     plots = []
-    for scene in dict.fromkeys(row["case"].split(", ")[0] for row in rows):
+    scenes = dict.fromkeys(row["case"].split(", ")[0] for row in rows)
+    for scene, (key, name) in product(scenes, axes.items()):
         series = []
         for case in dict.fromkeys(row["case"] for row in rows if row["case"].startswith(f"{scene}, ")):
             own = [row for row in rows if row["case"] == case]

@@ -35,7 +35,7 @@ EXACT = 1e-6  # tolerance that shows how rounds converge
 ROUNDS, SWEEPS = (1, 2, 3, 4, 6, 8, 10), (1, 3, 10, 30, 100, 300, 1_000)
 
 
-@benchmark("strand-contacts", summary="a step of 1 ms of a bundle over a cylinder, by strands and by tolerance of contact")
+@benchmark("strand-contacts", summary="a step of 1 ms of a bundle over a cylinder, by strands, tolerance and iterations")
 def strand_contacts() -> Iterator[Measurement]:
     """32 to 2,048 strands, four tolerances of contact for 128, and how forces at contacts of 128 and 512 converge."""
     yield from by_size((32, 128, 512, 2_048))
