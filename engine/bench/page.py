@@ -1,6 +1,7 @@
-"""Benchmark results as one HTML page: per benchmark a table, and a plot of seconds by size or of error by seconds."""
+"""Benchmark results as one HTML page: per benchmark a table, plots of seconds by size, of error by seconds and iterations."""
 
 from html import escape
+from itertools import product
 
 from engine.validate.html import number, page, table
 from engine.validate.plot import Series, loglog
@@ -12,7 +13,7 @@ _COLUMNS = [
 
 def bench_page(results: list[dict]) -> str:
     """Return the page for the results of `engine.bench.suite.run`, self-contained."""
-    lead = ["Medians of repeated runs."]
+    lead = ["Medians of repeated runs; where solvers converge, single ones."]
     if results:
         machine = results[0]["machine"]
         lead.append(
@@ -38,14 +39,15 @@ def _section(result: dict) -> str:
     exponent = "" if result["exponent"] is None else f"seconds grow as size to the power {result['exponent']:.2f}"
     note = f'<p class="fail">{escape(result["note"])}</p>' if result["note"] else ""
     if ranked:
-        plots = "".join(_front(result["rows"]))
+        plots = _errors(result["rows"], {"seconds": "seconds"})
     else:
         title = f"{result['name']}: seconds against size, both logarithmic"
-        plots = loglog(title, "size", "seconds", _series(result["rows"]))
+        plots = [loglog(title, "size", "seconds", _series([row for row in result["rows"] if not row["converging"]]))]
+        plots += _errors([row for row in result["rows"] if row["converging"]], {"size": "iterations", "seconds": "seconds"})
     return (
         f'<section aria-labelledby="{name}"><div class="head"><h2 id="{name}">{name}</h2>'
         f'<span class="soft">{exponent}</span></div><p>{escape(result["summary"])}</p>{note}'
-        f'<div class="pair">{plots}</div>'
+        f'<div class="pair">{"".join(plots)}</div>'
         f"{table('What was measured', columns, rows)}</section>"
     )
 
@@ -58,18 +60,23 @@ def _cell(value: float | str | None) -> str:
     return value if isinstance(value, str) else number(value)
 
 
-def _front(rows: list[dict]) -> list[str]:
-    """One plot per scene of error against seconds, with a series for every other knob; a case is "scene, knob"."""
+def _errors(rows: list[dict], axes: dict[str, str]) -> list[str]:
+    """Plots of error, one per scene and axis, with a series for every other knob; a case is "scene, knob".
+
+    `axes` are keys of rows, with the names that they have in plots.
+    """
     plots = []
-    for scene in dict.fromkeys(row["case"].split(", ")[0] for row in rows):
+    scenes = dict.fromkeys(row["case"].split(", ")[0] for row in rows)
+    for scene, (key, name) in product(scenes, axes.items()):
         series = []
         for case in dict.fromkeys(row["case"] for row in rows if row["case"].startswith(f"{scene}, ")):
             own = [row for row in rows if row["case"] == case]
-            labels = [f"{case}, {number(row['size'])} steps: {number(row['seconds'])} s, error {number(row['error'])}"
-                      + (", the default" if row["standing"]["default"] else "") for row in own]
-            series.append(Series(case.removeprefix(f"{scene}, "), [row["seconds"] for row in own],
+            labels = [f"{case}, {number(row['size'])} {row['unit'].removesuffix('/s')}: {number(row['seconds'])} s, "
+                      f"error {number(row['error'])}"
+                      + (", the default" if row["standing"] and row["standing"]["default"] else "") for row in own]
+            series.append(Series(case.removeprefix(f"{scene}, "), [row[key] for row in own],
                                  [row["error"] for row in own], labels))
-        plot = loglog(f"{scene}: error against seconds", "seconds", "error", series)
+        plot = loglog(f"{scene}: error against {name}", name, "error", series)
         plots.append(f"<div><h3>{escape(scene)}</h3>{plot}</div>")
     return plots
 

@@ -44,6 +44,7 @@ class Measurement:
     peer_seconds: float | None = None
     error: float | None = None  # of the result, so that speed is never without it
     standing: Standing | None = None  # where the size is a knob, not that of the problem
+    converging: bool = False  # a point on the way to one solution, after iterations (the size) and seconds spent so far
     details: dict[str, float] = field(default_factory=dict)  # iterations, seconds of stages, ...
 
 
@@ -135,6 +136,7 @@ def _row(measured: Measurement, bandwidth: float) -> dict:
         "ratio": None if measured.peer_seconds is None else measured.peer_seconds / measured.seconds,
         "error": measured.error,
         "standing": None if measured.standing is None else asdict(measured.standing),
+        "converging": measured.converging,
         "details": dict(measured.details),
     }
 
@@ -144,7 +146,7 @@ def _exponent(rows: list[dict]) -> float | None:
     if any(row["standing"] for row in rows):
         return None
     by_case: dict[str, list[dict]] = {}
-    for row in rows:
+    for row in (row for row in rows if not row["converging"]):
         by_case.setdefault(row["case"], []).append(row)
     largest = max(by_case.values(), key=len, default=[])
     return fitted_exponent([row["size"] for row in largest], [row["seconds"] for row in largest])

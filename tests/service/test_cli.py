@@ -205,7 +205,7 @@ def test_an_unknown_case_or_benchmark_is_named():
 def test_bench_prints_its_rows(monkeypatch):
     row = {"case": "patch", "size": 1000.0, "seconds": 0.1, "throughput": 1e4, "unit": "crossings/s", "error": None,
            "bandwidth_share": 0.3, "peer": None, "peer_seconds": None, "ratio": None, "standing": None,
-           "details": {}}
+           "converging": False, "details": {}}
     results = [{"name": "yarns", "summary": "made up", "machine": {}, "rows": [row], "exponent": 1.02, "note": ""}]
     monkeypatch.setattr(engine.bench.suite, "run", lambda *_, **__: results)
     assert json.loads(strandline("bench", "--json").stdout) == results

@@ -53,6 +53,22 @@ def test_where_knobs_vary_the_page_shows_error_against_seconds(registry):
     assert page.count(", the default</title>") == 1 and "cloth, tolerance 0.001, 40 steps: 4 s, error 0.025" in page
 
 
+def test_where_solvers_converge_the_page_shows_error_against_iterations_and_seconds_and_not_as_sizes(registry):
+    @benchmark("solver", summary="s")
+    def solver():
+        for size in (100.0, 1000.0):
+            yield Measurement("step", size, 1e-3 * size**1.2, "strands", error=0.5)
+        for iterations in (1, 2, 4):
+            yield Measurement("tangle, sweeps", iterations, 0.1 * iterations, "sweeps", error=1.0 / iterations, converging=True)
+
+    [result] = run()
+    page = bench_page([result])
+    assert result["exponent"] == pytest.approx(1.2) and [row["converging"] for row in result["rows"]] == 2 * [False] + 3 * [True]
+    assert page.count("<h3>tangle</h3>") == 2 and "seconds against size" in page
+    assert "tangle: error against iterations" in page and "tangle: error against seconds" in page
+    assert page.count("tangle, sweeps, 4 sweeps: 0.4 s, error 0.25</title>") == 2 and "tangle, sweeps, size" not in page
+
+
 def test_a_benchmark_that_raises_keeps_its_rows(registry):
     @benchmark("breaks", summary="s")
     def breaks():
