@@ -23,8 +23,8 @@ from engine.linalg import banded
 
 INNER = 0.3  # of the tolerance, to which rounds go on, so that strands which follow do not stay behind
 NEWTON = 30  # iterations in a round
+CLOSE, LEFT = 0.1, 0.2  # of the tolerance, or of what the round leaves to the next, that a further iteration may move vertices by
 FREE = 5  # rounds, after which limits of friction that swing are damped
-CLOSE = 0.1  # of what the round leaves to the next, that no vertex is to move by in a further iteration
 SLOW = 0.5  # share of what a contact missed in the round before, above which it gets stiffer
 STIFFER, STIFFEST = 4.0, 256.0  # factor by which its largest stiffness grows then, and by which in all
 ARMIJO = 1e-4  # share of the slope's promise that a step must keep
@@ -51,6 +51,7 @@ class Answer(NamedTuple):
     step: Floats  # what vertices move, shape [V, 4]
     slope: Floats  # of forces by w: normal, and across 11, 12, 22, shape [C, 4]
     stiffness: Floats  # of contacts [N/m], shape [C, 3]
+    stuck: Flags  # which contacts were still short of their forces after all rounds, shape [C]
 
 
 @njit(cache=True, error_model="numpy")
@@ -115,13 +116,13 @@ def displacements(problem, moved, w):
 
 def solve(
     strands: Strands, problem: ContactProblem, moved: Floats, force: Floats, tolerance: float, most: int,
-    penalty: Floats | None = None,
+    penalty: Floats | None = None, inexact: float = 0.0,
 ) -> Answer:
     """Find the forces at contacts [C, 3] [N] from a first guess that is overwritten.
 
     Vertices have moved by `moved` [V, 3] [m] in the step where strands are. Rounds end when the law's error is a share INNER of
-    the `tolerance`, or after `most`; it is infinite where a Hessian has no factor. Where there is a `penalty` [C] [N/m], contacts
-    are springs of this stiffness and nothing else.
+    the `tolerance`, or a share `inexact` of what the first round moves, or after `most`; it is infinite where a Hessian has no
+    factor. Where there is a `penalty` [C] [N/m], contacts are springs of this stiffness and nothing else.
     """
     usual = align(problem, strands.band, strands.held)
     stiffest, stiffness = usual.copy(), np.zeros_like(usual)
@@ -130,7 +131,7 @@ def solve(
     force[:] = np.einsum("cij,cj->ci", problem.frame, force)
     now = _at_start(strands, problem, moved)
     limit, change, left = np.zeros(len(force)), np.zeros(len(force)), np.full(len(force), np.inf)
-    error, rounds, newton, linear, touch = np.inf, 0, 0, 0, problem.touch.min()
+    error, goal, rounds, newton, linear, touch = np.inf, INNER * tolerance, 0, 0, 0, problem.touch.min()
     while rounds < most:
         if penalty is None:
             stiffen(problem, stiffest, force, tolerance, stiffness)
@@ -138,7 +139,7 @@ def solve(
         update_limits(problem, stiffness, now.start + _by(problem, last), force, limit, change, rounds >= FREE)
         now, made, iterations = _newton(strands, problem, stiffness, limit, force, CLOSE * tolerance, now)
         if made == 0:
-            return Answer(rounds, newton, linear, np.inf, now.step, now.slope, stiffness)
+            return Answer(rounds, newton, linear, np.inf, now.step, now.slope, stiffness, left > goal)
         missed = _missed(problem, stiffness, now.force - force)
         slow = (missed > INNER * tolerance) & (missed > SLOW * left)
         stiffest[slow] = np.minimum(STIFFER * stiffest, STIFFEST * usual)[slow]
@@ -146,9 +147,11 @@ def solve(
         rounds, newton, linear = rounds + 1, newton + made, linear + iterations
         error, part = law_error(problem, stiffness, now.w, force) if penalty is None else (0.0, 0.0)
         moves = np.abs(now.step[:, :3] - last[:, :3]).max() / touch
-        if error <= INNER * tolerance and (part <= tolerance or moves <= INNER * tolerance):
+        goal = max(goal, inexact * moves) if rounds == 1 else goal
+        if error <= goal and (part <= tolerance or moves <= goal):
+            left[:] = 0.0
             break
-    return Answer(rounds, newton, linear, error, now.step, now.slope, stiffness)
+    return Answer(rounds, newton, linear, error, now.step, now.slope, stiffness, left > goal)
 
 
 class _Iterate(NamedTuple):
@@ -180,7 +183,7 @@ def _newton(
 ) -> tuple[_Iterate, int, int]:
     """Return where the potential of a round is least, and iterations of Newton (0: no factor) and of conjugate gradients.
 
-    A vertex may still move by what is `close`, in distances of touch, or by a share CLOSE of what the round leaves to the next.
+    A vertex may still move by what is `close`, in distances of touch, or by a share LEFT of what the round leaves to the next.
     """
     linear, touch = 0, problem.touch.min()
 
@@ -202,7 +205,7 @@ def _newton(
             step = now.step + alpha * now.direction
             reached = evaluated(step, False)
         now, value = now._replace(step=step), reached
-        enough = max(close, CLOSE * _missed(problem, stiffness, now.force - force).max())
+        enough = max(close, LEFT * _missed(problem, stiffness, now.force - force).max())
         if far <= enough or (alpha == 1.0 and INEXACT * far <= enough and np.array_equal(now.slope, slope)):
             return now, iteration + 1, linear
     return now, NEWTON, linear

@@ -36,6 +36,7 @@ class Contacts(NamedTuple):
     apart: Floats  # distance of centre lines along n, or of a centre line to a solid, at the start [m], shape [C]
     touch: Floats  # that at which the two touch [m], shape [C]
     kept: Floats  # that which they keep [m], shape [C]
+    mended: Floats  # of this, what takes back an overlap at the start [m], shape [C]
     carried: Floats  # what the second side moves in the step where it is a solid [m], shape [C, 3]
     friction: Floats  # Coulomb coefficient, shape [C]
     force: Floats  # on the first side [N], shape [C, 3]
@@ -105,6 +106,12 @@ class Contacts(NamedTuple):
         np.add.at(met.force, at[close], self.force[close])
         return Contacts(*(values[~close] for values in self)).and_also(met)
 
+    def unmended(self, which: Flags) -> "Contacts":
+        """Return these contacts, of which those `which` [C] take back none of their overlap, and begin without force."""
+        return self._replace(
+            kept=np.where(which, self.kept - self.mended, self.kept), mended=np.where(which, 0.0, self.mended),
+            force=np.where(which[:, None], 0.0, self.force))
+
     def and_also(self, more: "Contacts") -> "Contacts":
         """Return these and more contacts, in the order of their edges."""
         both = [np.concatenate(arrays) for arrays in zip(self, more, strict=True)]
@@ -114,8 +121,8 @@ class Contacts(NamedTuple):
 
 def no_contacts() -> Contacts:
     """Return an empty set."""
-    return Contacts(np.zeros((0, 2), np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0),
-                    np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
+    none, vectors = np.zeros(0), np.zeros((0, 3))
+    return Contacts(np.zeros((0, 2), np.int64), np.zeros((0, 2)), vectors, none, none, none, none, vectors, none, vectors)
 
 
 class Touching:
@@ -158,8 +165,8 @@ class Touching:
         one = distance <= edge_meetings.COINCIDENT * touch
         normal = np.where(one[:, None], _across(x, edge), (apart + moved) / np.where(one, 1.0, distance)[:, None])
         friction = np.sqrt(self.friction[self.strand[edge]].prod(axis=1))
-        kept = self._kept(before, touch, h, edge, share)
-        return Contacts(edge, share, normal, distance - np.einsum("ck,ck->c", normal, moved), touch, kept,
+        kept, mended = self._kept(before, touch, h, edge, share)
+        return Contacts(edge, share, normal, distance - np.einsum("ck,ck->c", normal, moved), touch, kept, mended,
                         carried=np.zeros_like(normal), friction=friction, force=np.zeros_like(normal))
 
     def with_solids(self, x: Floats, motion: Floats, h: float, obstacles: ObstacleMotion, known: Contacts) -> Contacts:
@@ -186,28 +193,30 @@ class Touching:
             time, normal, distance, before = (np.concatenate(both) for both in zip(at_vertices, within, strict=True))
             moved = time[:, None] * _on(edge[:, None], share[:, None], way)[:, 0]
             touch = self.radius[edge]
+            kept, mended = self._kept(before, touch, h, edge[:, None], share[:, None])
             found = found.and_also(Contacts(
                 edge=np.column_stack([edge, np.full(len(edge), SOLID - o)]),
                 share=np.column_stack([share, np.zeros(len(edge))]),
                 normal=normal,
                 apart=distance - np.einsum("ck,ck->c", normal, moved),
                 touch=touch,
-                kept=self._kept(before, touch, h, edge[:, None], share[:, None]),
+                kept=kept,
+                mended=mended,
                 carried=_on(edge[:, None], share[:, None], there - x)[:, 0],
                 friction=np.full(len(edge), obstacles.friction[o]),
                 force=np.zeros_like(normal),
             ))
         return found
 
-    def _kept(self, distance: Floats, touch: Floats, h: float, edge: Ints, share: Floats) -> Floats:
-        """The distance that contacts are to keep whose sides are so far apart at the start of the step.
+    def _kept(self, distance: Floats, touch: Floats, h: float, edge: Ints, share: Floats) -> tuple[Floats, Floats]:
+        """The distance that contacts are to keep whose sides are so far apart at the start of the step, and what that mends.
 
         Overlaps are taken back in time, but not close to what is held, which may not yield.
         """
         overlap = touch - distance
         yields = ((1.0 - share) ** 2 * ~self.fixed[edge] + share**2 * ~self.fixed[edge + 1]).sum(axis=1) > YIELDS
         mended = np.minimum(overlap, MOST * touch) * min(h / MENDING, 1.0) * yields
-        return np.where(overlap <= 0.0, touch, distance + mended)
+        return np.where(overlap <= 0.0, touch, distance + mended), np.where(overlap <= 0.0, 0.0, mended)
 
 
 def _keys(edge: Ints) -> Ints:

@@ -1,17 +1,19 @@
 """Which segments of many come near each other: a hash of the cells that pieces of them pass.
 
-Long thin segments fill their boxes badly, so they are cut into pieces about as long as a cell. A pair of pieces is looked at in
-one cell only, the first that both touch, and a pair of segments is found by each of its pieces that are near: once in the end.
+Long thin segments fill their boxes badly, so they are cut into pieces about as long as a cell. A segment looks through the cells
+of its pieces for later ones, and notes each once.
 """
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from engine.arrays import Floats, Ints
 
 FINENESS = 3.0  # pieces of a segment of mean length
 WIDE = 1.5  # of the widest segment and its motion, at least, that a cell is wide
 MOST_PIECES = 64  # of one segment
+PARTS = 16  # of the search; what it finds does not depend on them
+ROOM = 16  # pairs of a segment that there is room for at first
 HASH_X, HASH_Y, HASH_Z = 73856093, 19349663, 83492791  # Teschner et al. 2003, sec. 4.1
 
 
@@ -35,9 +37,14 @@ def near_pairs(x: Floats, motion: Floats, segment: Ints, reach: Floats) -> Ints:
     cells = np.prod(last - corner + 1, axis=1)
     table = 1 << int(np.ceil(np.log2(max(2 * int(cells.sum()), 2))))
     start, entry = _fill(corner, last, int(cells.sum()), table)
-    found = _pairs(start, entry, corner, last, low, high, owner)
-    key = np.unique(found[:, 0] * len(segment) + found[:, 1])
-    return np.column_stack([key // len(segment), key % len(segment)])
+    room = ROOM * len(segment) // PARTS + 1
+    while True:
+        found, count = np.empty((PARTS, room, 2), np.int64), np.empty(PARTS, np.int64)
+        first = np.searchsorted(owner, np.arange(len(segment) + 1))
+        _pairs(start, entry, corner, last, low, high, owner, first, found, count)
+        if count.max() <= room:
+            return np.concatenate([part[:number] for part, number in zip(found, count, strict=True)])
+        room = int(count.max())
 
 
 @njit(cache=True)
@@ -88,26 +95,40 @@ def _fill(corner, last, entries, table):
     return start, entry
 
 
-@njit(cache=True)
-def _pairs(start, entry, corner, last, low, high, owner):
-    """Pairs of segments with pieces whose boxes meet, shape [n, 2]; a pair comes up to as often as it has such pieces."""
-    found, count = np.empty((1024, 2), np.int64), 0
-    for b in range(len(start) - 1):
-        for e in range(start[b], start[b + 1]):
-            for f in range(e + 1, start[b + 1]):
-                p, q = entry[e], entry[f]
-                if owner[p] == owner[q] or not _meet(low[p], high[p], low[q], high[q]):
-                    continue
-                if _bucket(max(corner[p, 0], corner[q, 0]), max(corner[p, 1], corner[q, 1]), max(corner[p, 2], corner[q, 2]),
-                           len(start) - 1) != b:
-                    continue
-                if count == len(found):
-                    more = np.empty((2 * count, 2), np.int64)
-                    more[:count] = found
-                    found = more
-                found[count, 0], found[count, 1] = min(owner[p], owner[q]), max(owner[p], owner[q])
-                count += 1
-    return found[:count]
+@njit(cache=True, parallel=True)
+def _pairs(start, entry, corner, last, low, high, owner, first, found, count):
+    """Write the pairs of segments with pieces whose boxes meet, in parts by their first segments, `found` [parts, room, 2].
+
+    `count` [parts] is how many there are, of which those are written that have room. The pieces of segment s are first[s] ...
+    first[s+1]-1.
+    """
+    table, segments = len(start) - 1, len(first) - 1
+    for part in prange(len(found)):
+        seen, near = np.full(segments, -1, np.int64), np.empty(segments, np.int64)
+        count[part] = 0
+        for s in range(part * segments // len(found), (part + 1) * segments // len(found)):
+            number = 0
+            for p in range(first[s], first[s + 1]):
+                for i in range(corner[p, 0], last[p, 0] + 1):
+                    for j in range(corner[p, 1], last[p, 1] + 1):
+                        for k in range(corner[p, 2], last[p, 2] + 1):
+                            b = _bucket(i, j, k, table)
+                            for e in range(start[b + 1] - 1, start[b] - 1, -1):  # the last pieces of a bucket come last
+                                q = entry[e]
+                                other = owner[q]
+                                if other <= s:
+                                    break
+                                if max(corner[p, 0], corner[q, 0]) != i or max(corner[p, 1], corner[q, 1]) != j:
+                                    continue  # they are looked at in the first cell that both touch
+                                if seen[other] != s and _meet(low[p], high[p], low[q], high[q]):
+                                    seen[other] = s
+                                    near[number] = other
+                                    number += 1
+            near[:number].sort()
+            for n in range(number):
+                if count[part] < found.shape[1]:
+                    found[part, count[part], 0], found[part, count[part], 1] = s, near[n]
+                count[part] += 1
 
 
 @njit(cache=True)

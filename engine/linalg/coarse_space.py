@@ -11,6 +11,8 @@ whose factor takes more memory than all else. A V-cycle of Gauss-Seidel over pat
 496 there.
 """
 
+from typing import Any
+
 import numpy as np
 from numba import njit, prange
 from scipy.sparse import bsr_array
@@ -41,6 +43,7 @@ class CoarseSpace:
         p = self.patches = form_patches(place, bodies, edge, MOST_PATCHES, matrix.start, matrix.column)
         # row, response and modes of the members, patch by patch: every iteration goes through them in that order
         self.row, slot = np.divmod(p.members, 2)
+        self.factor: Any = None  # SuperLU's, of P^T A P
         self.members_response, self.members_mode = response[self.row, slot], p.mode[self.row, slot]
 
     def refresh(self) -> bool:
@@ -55,6 +58,7 @@ class CoarseSpace:
         diagonal = coarse.diagonal()
         absent = diagonal <= FLAT * diagonal.max()
         coarse.setdiag(np.where(absent, diagonal.max(), (1.0 + RIDGE) * diagonal))
+        self.factor = None  # two of them are the most memory that a step takes
         try:
             self.factor = splu(coarse, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         except RuntimeError:  # exactly singular

@@ -1,10 +1,24 @@
 """What memory a run takes, and how much of it is the scene's rather than the program's."""
 
+import ctypes
 import resource
 import sys
 
 import psutil
 from numba.core import event
+
+MMAP_THRESHOLD, LARGE = -3, 1 << 20  # M_MMAP_THRESHOLD of mallopt(3), and what it is set to [bytes]
+
+
+def give_back_large_arrays() -> None:
+    """Have what is as large as LARGE go back to the system when it is freed, where the allocator is that of glibc.
+
+    By itself it raises that size up to 32 MB as such arrays are freed, and keeps them in a heap with holes: `shirt-tag-buckle`
+    then holds 6.1 kB a point after 50 steps, not 5.9.
+    """
+    set_option = getattr(ctypes.CDLL(None), "mallopt", None)
+    if set_option is not None:
+        set_option(MMAP_THRESHOLD, LARGE)
 
 
 def memory_peak() -> int:

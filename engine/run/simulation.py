@@ -25,7 +25,7 @@ from engine.run.adaptivity import (
 from engine.run.checkpoint import Checkpoint, CheckpointMismatch, checkpoint_path, read_checkpoint, write_checkpoint
 from engine.run.directory import JobDirectory, fingerprint
 from engine.run.frames import Frame, write_frame
-from engine.run.memory import ProgramMemory, memory_peak
+from engine.run.memory import ProgramMemory, give_back_large_arrays, memory_peak
 from engine.run.report import make_report
 from engine.run.simulated import Simulated, assemble
 from engine.run.statistics import Statistics
@@ -86,6 +86,7 @@ def run(
     when the directory belongs to something else.
     """
     used_threads = set_threads(threads)
+    give_back_large_arrays()
     job = JobDirectory(directory)
     job.open(scene, resume)
     job.set_state("running")

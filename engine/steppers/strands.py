@@ -25,8 +25,9 @@ from engine.strands.model import StrandModel, StrandState
 from engine.strands.settings import StrandSettings
 from engine.strands.springs import Springs, no_springs
 
+INEXACT = 0.05  # of what strands move by in a round, that contacts may leave to the next: so far they do not answer linearly
 AGREE = 0.1  # of the tolerance of contact, by which rounds that get nearer to each other may still move strands
-SLOW = 0.5  # share of what the round before moved, above which they do not get nearer
+SLOW = 0.5  # share of what the round before moved, above which later rounds do not get nearer any more
 FOLLOW = 5  # rounds in which contacts follow the places that touch; later ones are added, lest two take turns for ever
 
 
@@ -57,7 +58,7 @@ class StrandStepper:
         difference, predicted = self._predict(state, contacts, loads, h)
         which = np.ones(len(self.iterations), np.bool_)
         self.iterations[:] = 0
-        springs, met, last = no_springs(len(which)), contacts, np.inf
+        springs, met, last, squeezed = no_springs(len(which)), contacts, np.inf, False
         watch.lap("predict")
         for number in range(settings.max_rounds):
             if len(contacts.edge):
@@ -65,13 +66,16 @@ class StrandStepper:
                 strands = linearised(self.model, predicted, problem.strand, state, after)
                 force = contacts.force.copy()
                 answer = solve(strands, problem, after.x - state.x, force, settings.contact_tolerance,
-                               settings.max_contact_rounds, self._penalty(contacts))
+                               settings.max_contact_rounds, self._penalty(contacts), INEXACT)
                 contacts = contacts._replace(force=np.einsum("cij,ci->cj", problem.frame, force))
+                if answer.stuck.any():  # what is squeezed in a wedge cannot part from both of its sides
+                    squeezed, contacts = True, contacts.unmended(answer.stuck)
                 report.linear_iterations += answer.linear
                 moves = np.abs(answer.step[:, :3]).max() / contacts.touch.min()
                 watch.lap("contact")
                 near = max(moves, answer.error) <= settings.contact_tolerance
-                if not len(met.edge) and near and (moves <= AGREE * settings.contact_tolerance or moves > SLOW * last):
+                slow = number >= FOLLOW and moves > SLOW * last
+                if not len(met.edge) and near and (moves <= AGREE * settings.contact_tolerance or slow):
                     break
                 last = moves
                 springs = springs_of(contacts, problem, force, answer.slope, after.x + answer.step[:, :3], self.touching.strand)
@@ -80,6 +84,8 @@ class StrandStepper:
             watch.lap("strands")
             met = self._near(state, after.x - state.x, h, obstacles, contacts)
             watch.lap("detect")
+            if squeezed:
+                met = met.unmended(np.ones(len(met.edge), np.bool_))
             contacts = contacts.renewed(met) if number < FOLLOW else contacts.and_also(met)
             if not len(contacts.edge):
                 break

@@ -31,7 +31,7 @@ class Slide(NamedTuple):
     stays: bool  # at END it goes no further in a step than the tolerance of contact
 
 
-@case("contact-bundles", bar=0.01, summary="bundle dropped across one on a slope: slides below mu = tan a with g (sin a - mu cos a)")
+@case("contact-bundles", bar=0.01, summary="bundle dropped on one down a slope: slides below mu = tan a with g (sin a - mu cos a)")
 def bundles(quick: bool) -> CaseResult:
     """Worst relative error of the acceleration; that the bundle stays or slides is a condition beside it."""
     failures, rows, found = [], [], []
@@ -51,9 +51,8 @@ def bundles(quick: bool) -> CaseResult:
 def tangent() -> float:
     """Return the slope's tangent, tan a: the coefficient at which the bundle is on the verge of sliding."""
     motion = with_friction(STICKY)
-    down = slope(motion)
-    along = float(motion.gravity @ down)
-    return along / float(np.linalg.norm(motion.gravity - along * down))
+    along, across = gravity(motion, slope(motion))
+    return along / across
 
 
 def slide(mu: float) -> Slide:
@@ -61,8 +60,7 @@ def slide(mu: float) -> Slide:
     motion, step = with_friction(mu), load_scene(shipped_scenes()[SCENE]).step.default
     model, down = motion.model, slope(motion)
     dropped = np.repeat(model.group, np.diff(model.start)) == 1
-    along = float(motion.gravity @ down)
-    across = float(np.linalg.norm(motion.gravity - along * down))
+    along, across = gravity(motion, down)
     steps, settled, speed = round(END / step), round(SETTLED / step), [0.0]
     with threads_for(motion.nodes):
         for number in range(steps):
@@ -72,7 +70,8 @@ def slide(mu: float) -> Slide:
             velocity = np.average(motion.state.velocity[dropped], axis=0, weights=model.mass[dropped])
             speed.append(float(velocity @ down))
     tolerated = motion.stepper.settings.contact_tolerance * 2.0 * model.radius.min()
-    return Slide((speed[-1] - speed[settled]) / ((steps - settled) * step), along - mu * across, abs(speed[-1]) * step <= tolerated)
+    acceleration = (speed[-1] - speed[settled]) / ((steps - settled) * step)
+    return Slide(acceleration, along - mu * across, abs(speed[-1]) * step <= tolerated)
 
 
 def with_friction(mu: float) -> StrandsInMotion:
@@ -85,3 +84,9 @@ def slope(motion: StrandsInMotion) -> Floats:
     """Return the unit vector [3] down the slope, along the held hairs, at the start."""
     first, last = motion.state.x[motion.model.start[0]], motion.state.x[motion.model.start[1] - 1]
     return (last - first) / np.linalg.norm(last - first)
+
+
+def gravity(motion: StrandsInMotion, down: Floats) -> tuple[float, float]:
+    """Return g sin a and g cos a [m/s^2], with `down` [3] the unit vector down the slope."""
+    along = float(motion.gravity @ down)
+    return along, float(np.linalg.norm(motion.gravity - along * down))

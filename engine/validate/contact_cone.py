@@ -253,7 +253,7 @@ def random_contacts(rng: np.random.Generator, start: Ints, held: Flags) -> Conta
     return Contacts(
         edge=np.array(edge), share=rng.random((number, 2)) * np.column_stack([np.ones(number), ~solid]),
         normal=normal / np.linalg.norm(normal, axis=1)[:, None],
-        apart=1.0 + rng.normal(scale=0.3, size=number), touch=np.ones(number), kept=np.ones(number),
+        apart=1.0 + rng.normal(scale=0.3, size=number), touch=np.ones(number), kept=np.ones(number), mended=np.zeros(number),
         carried=solid[:, None] * rng.normal(scale=0.3, size=(number, 3)), friction=friction,
         force=rng.normal(size=(number, 3)) * (rng.random() < 0.5),
     )

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
@@ -25,6 +25,7 @@ from engine.yarns.topology import chain_of
 from tests.engine.scene.scenes import cloth, rod, scene_of
 
 RADIUS, SPACING, H = 2.25e-3, 5.6e-3, 1e-3
+ROUND_OFF = 1e-15  # of distances between places some centimetres from the origin [m]
 
 
 def built(**parts):
@@ -51,7 +52,7 @@ def distances(pairs, x):
 
 
 def touching(pairs, x):
-    return distances(pairs, x) < pairs.rest * (1.0 - 1e-9)
+    return distances(pairs, x) < pairs.rest * (1.0 - 1e-9) - ROUND_OFF
 
 
 def folded(made, radius, at):
@@ -75,6 +76,7 @@ def test_a_flat_stack_has_nothing_that_collides(angles, shift):
 
 @settings(deadline=None, max_examples=25)
 @given(st.lists(st.floats(-90.0, 90.0), min_size=1, max_size=4), st.floats(0.0, 0.02))
+@example(angles=[0.0, 1.0, 27.0, 1.2146307931041682e-13], shift=0.0)  # distances are round-off there
 def test_no_stack_is_torn_apart(angles, shift):
     """Where the layer between does not reach, corners coincide without being joined: they keep what distance they have."""
     made = stack(*angles, shift=shift)

@@ -45,8 +45,8 @@ def some_contacts(seed: int = 0, number: int = 12) -> Contacts:
     normal = rng.normal(size=(number, 3))
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     carried = (edge[:, 1:] < 0) * rng.normal(size=(number, 3))
-    return Contacts(edge, share, normal, rng.random(number), np.ones(number), np.ones(number), carried, rng.random(number),
-                    rng.normal(size=(number, 3)) * (rng.random((number, 1)) < 0.7))
+    return Contacts(edge, share, normal, rng.random(number), np.ones(number), np.ones(number), np.zeros(number), carried,
+                    rng.random(number), rng.normal(size=(number, 3)) * (rng.random((number, 1)) < 0.7))
 
 
 def test_strands_that_cross_touch_where_they_are_on_the_way():

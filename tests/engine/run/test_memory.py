@@ -1,11 +1,13 @@
 """What memory is the program's: what it held at the beginning, and what kernels took."""
 
+import sys
+
 import numpy as np
 import pytest
 from numba import njit
 from numba.core import event
 
-from engine.run.memory import ProgramMemory, memory_peak
+from engine.run.memory import LARGE, ProgramMemory, give_back_large_arrays, memory_peak
 
 
 @pytest.fixture
@@ -51,3 +53,12 @@ def test_numba_tells_of_every_kernel(held):
 
 def test_a_process_holds_no_more_than_its_peak():
     assert 0 < ProgramMemory().bytes <= 1.05 * memory_peak()  # two counters of the system, each exact to some pages a thread
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="another allocator")
+def test_large_arrays_go_back_to_the_system_even_among_others():
+    give_back_large_arrays()
+    arrays = [np.ones(LARGE) for _ in range(8)]  # 8 LARGE bytes each
+    before = ProgramMemory().bytes
+    del arrays[::2]
+    assert ProgramMemory().bytes <= before - 4 * 8 * LARGE * 0.9
