@@ -13,7 +13,7 @@ import numpy as np
 from engine.arrays import Flags, Floats
 from engine.contact.augmented_lagrangian import solve
 from engine.contact.contact_problem import contact_problem, springs_of
-from engine.contact.edge_meetings import length_beside
+from engine.contact.edge_meetings import CROSSING, length_beside
 from engine.contact.obstacles import ObstacleMotion
 from engine.contact.strand_contacts import Contacts, Touching, no_contacts
 from engine.steppers.step_report import StepReport, Stopwatch
@@ -25,7 +25,6 @@ from engine.strands.model import StrandModel, StrandState
 from engine.strands.settings import StrandSettings
 from engine.strands.springs import Springs, no_springs
 
-CROSSING = 0.5  # cosine between edges below which they cross, and do not lie side by side
 INEXACT = 0.05  # of what strands move by in a round, that contacts may leave to the next: so far they do not answer linearly
 AGREE = 0.1  # of the tolerance of contact, by which rounds that get nearer to each other may still move strands
 SLOW = 0.5  # share of what the round before moved, above which later rounds do not get nearer any more

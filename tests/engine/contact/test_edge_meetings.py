@@ -103,6 +103,35 @@ def test_what_goes_round_a_vertex_and_through_the_edge_before_it_is_not_passed_o
     assert [0, 3] in edge.tolist()
 
 
+@pytest.mark.parametrize("overlap", [0.0, 0.002, -0.003])
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+@pytest.mark.parametrize("upper_first", [False, True])
+def test_what_slides_over_a_vertex_of_a_straight_strand_meets_nothing_that_leans(upper_first, way, overlap):
+    """The edge ahead is nearest at the vertex until what slides is above it."""
+    lower = np.array([[-1.0, 0, 0], [0.0, 0, 0], [1.0, 0, 0]])
+    upper = np.array([[-0.02 * way, -1.0, 2 * RADIUS - overlap], [-0.02 * way, 1.0, 2 * RADIUS - overlap]])
+    x = np.concatenate([upper, lower] if upper_first else [lower, upper])
+    of_upper = np.isin(np.arange(5), (0, 1) if upper_first else (3, 4))
+    pairs = ((0, 2), (0, 3)) if upper_first else ((0, 3), (1, 3))
+    for far in (0.015, 0.06, 0.4):
+        motion = np.where(of_upper[:, None], [far * way, 0.0, 0.0], 0.0)
+        edge, share, time, _ = meetings(x, motion, pairs, of_upper.astype(np.int64))
+        assert len(edge)
+        for (a, b), (s, t), when in zip(edge, share, time, strict=True):
+            there = x + when * motion
+            apart = (1 - s) * there[a] + s * there[a + 1] - (1 - t) * there[b] - t * there[b + 1]
+            np.testing.assert_allclose(apart / np.linalg.norm(apart), [0, 0, 1.0 if upper_first else -1.0], atol=1e-12)
+
+
+def test_a_vertex_that_stands_out_of_its_strand_is_met():
+    """Neither of its edges is nearer than the vertex, at which both begin or end."""
+    x = np.array([[-1.0, 0, -1.0], [0.0, 0, 0], [1.0, 0, -1.0], [0.01, -1.0, 0.3], [0.01, 1.0, 0.3]])
+    motion = np.where(np.arange(5)[:, None] > 2, [0.0, 0.0, -0.25], 0.0)
+    edge, share, *_ = meetings(x, motion, ((0, 3), (1, 3)), np.array([0, 0, 0, 1, 1]))
+    assert [1, 3] in edge.tolist()
+    np.testing.assert_allclose(share[edge[:, 0] == 1, 0], 0.0)
+
+
 def side_by_side(shift: float, tilt: float = 0.0):
     """Edge 0 of length 1, and one beside it at the distance of touch, from `shift` on, which climbs by `tilt`."""
     return np.array([[0.0, 0, 0], [1.0, 0, 0], [shift, 2 * RADIUS, 0], [shift + 1.0, 2 * RADIUS, tilt]])
@@ -155,6 +184,13 @@ def test_edges_that_cross_touch_where_they_cross():
     x = CROSS - np.where(TWO[:, None] == 1, [0.0, 0.0, 0.4], 0.0)
     np.testing.assert_allclose(meetings(x, 0 * x)[1], [[0.6, 0.5]])
     assert length_beside(x, np.array([[0, 2]]))[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_edges_that_cross_at_nearly_right_angles_touch_where_they_are_nearest():
+    """The middle of what the feet of the second one's ends leave of the first is not where they cross."""
+    x = np.array([[-1.0, 0, 0], [1.0, 0, 0], [-0.01, -0.4, 2 * RADIUS], [0.03, 1.2, 2 * RADIUS]])
+    s, t, _ = nearest_on_segments(*x)
+    np.testing.assert_allclose(meetings(x, 0 * x)[1], [[s, t]])
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-12, 1e-4])

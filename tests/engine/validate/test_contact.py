@@ -5,7 +5,9 @@ import pytest
 from engine.validate.catalogue import run
 
 
-@pytest.mark.parametrize("case", ["contact-incline", "contact-capstan", "contact-cone", "contact-impacts", "contact-adhesion"])
+@pytest.mark.parametrize("case", [
+    "contact-incline", "contact-capstan", "contact-cone", "contact-impacts", "contact-adhesion", "contact-bundles",
+])
 def test_a_contact_is_at_its_bar(case):
     entry = run([case], quick=True)["cases"][0]
     assert entry["status"] == "pass", entry["note"]
