@@ -10,7 +10,7 @@ from numba import njit
 from engine.contact.edge_meetings import SLACK
 from engine.geometry.solids import SAMPLED, distance_to
 
-DEEP = 0.5  # of the distance at the start, or at which they touch: a place in contact that comes nearer passes through
+DEEP = 0.5  # of the radius, by which a place in contact that comes nearer than it was passes through
 CLOSE = 0.01  # of the radius, within which a distance is reached
 ADVANCES = 200  # after which what grazes a solid counts as near
 BULGE = 0.01  # of the radius, by which a place within an edge is nearer than its ends if it is in contact of its own
@@ -38,7 +38,7 @@ def at_vertices(solids, o, x, motion, radius, near, known):
             vertex[count], time[count], there[count], before[count] = v, 0.0, distance, distance
             _unit(outward, normal[count])
             count += 1
-        limit = radius[v] if met == 0 else DEEP * min(distance, radius[v])
+        limit = radius[v] if met == 0 else min(distance, radius[v]) - DEEP * radius[v]
         speed, when, now = slope * np.sqrt(motion[v, 0] ** 2 + motion[v, 1] ** 2 + motion[v, 2] ** 2), 0.0, distance
         for _ in range(ADVANCES):
             if now - limit <= CLOSE * radius[v] or now - limit >= (1.0 - when) * speed:
@@ -87,7 +87,7 @@ def within_edges(solids, o, x, motion, radius, near, edges, known):
                 edge[count], share[count], time[count], there[count], before[count] = v, s, 0.0, distance, distance
                 _unit(outward, normal[count])
                 count += 1
-        limit = radius[v] if met == 0 else DEEP * min(distance, radius[v])
+        limit = radius[v] if met == 0 else min(distance, radius[v]) - DEEP * radius[v]
         when, now = 0.0, distance
         for _ in range(ADVANCES):
             if now - limit <= CLOSE * radius[v] or now - limit >= (1.0 - when) * speed:
@@ -98,6 +98,8 @@ def within_edges(solids, o, x, motion, radius, near, edges, known):
                     ends[e, k] = x[v + e, k] + when * motion[v + e, k]
             s, now, bulge = _nearest(solids, o, ends, outward)
         reached = now - limit < (1.0 - when) * speed or now - limit <= CLOSE * radius[v]
+        if reached and bulge <= BULGE * radius[v]:  # at a vertex, which has the contact; what is between may follow
+            reached, met = False, 1
         if not reached and met > 0:
             when = 1.0
             for e in range(2):

@@ -111,11 +111,10 @@ class StrandStepper:
         return difference, inertia(self.model, state, loads or StrandLoads(), self.gravity, difference)
 
     def _first_guess(self, state: StrandState, given: tuple[Floats, Floats] | None) -> StrandState:
-        """Everything where it was, but what is given where that ends."""
-        if given is None:
-            return replace(state.copy(), turn=np.zeros_like(state.turn))
-        held, (x, turn) = self.model.held, given
-        return replace(state.copy(), x=np.where(held[:, :3], x, state.x), turn=np.where(held[:, 3], turn, 0.0))
+        """Everything where it was, but what is given where that ends; what a step does not write is shared with `state`."""
+        held, (x, turn) = self.model.held, given or (state.x, np.zeros_like(state.turn))
+        return replace(state, x=np.where(held[:, :3], x, state.x), turn=np.where(held[:, 3], turn, 0.0), m1=state.m1.copy(),
+                       twist=state.twist.copy())
 
     def _near(self, state: StrandState, moved: Floats, h: float, obstacles: ObstacleMotion | None, known: Contacts) -> Contacts:
         """Contacts beside those known when vertices move so [V, 3] [m]; penalties only know what is near at the start."""

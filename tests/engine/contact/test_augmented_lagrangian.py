@@ -122,4 +122,18 @@ def test_rounds_end_where_they_must():
     problem = next(p for p in map(random_problem, range(50)) if len(p.pull) >= 4)
     force = problem.contacts.force.copy()
     answer = al.solve(problem.strands, linear(problem), problem.moved, force, 1e-12, 2)
-    assert answer.rounds == 2 and answer.error > 1e-12
+    assert answer.rounds == 2 and answer.error > 1e-12 and answer.stuck.any()
+    force = problem.contacts.force.copy()
+    assert not al.solve(problem.strands, linear(problem), problem.moved, force, 1e-8, 500).stuck.any()
+
+
+def test_rounds_may_leave_a_share_of_what_the_first_moves():
+    fewer = 0
+    for problem in map(random_problem, range(20)):
+        exact, inexact = (
+            al.solve(problem.strands, linear(problem), problem.moved, problem.contacts.force.copy(), 1e-10, 500, inexact=share)
+            for share in (0.0, 0.05))
+        assert inexact.rounds <= exact.rounds
+        assert np.abs(inexact.step - exact.step).max() <= 0.2 * np.abs(exact.step).max()
+        fewer += inexact.rounds < exact.rounds
+    assert fewer > 10

@@ -115,6 +115,24 @@ def test_an_edge_meets_a_rail_between_its_vertices():
     assert RADIUS <= distance[0] <= 1.01 * RADIUS
 
 
+def test_an_edge_whose_vertex_touches_a_rail_first_is_found_where_it_follows():
+    x = np.array([[-1.65, 0, 0.151], [-0.05, 0, 0.151]])
+    way, radius, none = np.tile([0.8, 0.0, -0.1], (2, 1)), np.full(2, RADIUS), np.zeros(2, np.int64)
+    vertex, first, *_ = at_vertices(rail(), 0, x, way, radius, radius, none)
+    np.testing.assert_array_equal(vertex, [1])
+    edge, share, time, normal, _, before = within_edges(rail(), 0, x, way, radius, radius, np.array([0]), none)
+    np.testing.assert_array_equal(edge, [0])
+    assert first[0] < time[0] == 1.0 and before[0] > RADIUS
+    np.testing.assert_allclose(share, 0.85 / 1.6, atol=1e-3)
+    np.testing.assert_allclose(normal, [[0.0, 0.0, 1.0]], atol=1e-2)
+
+
+def test_a_place_deep_inside_is_found_again_only_where_it_gets_deeper():
+    assert not len(over_rail(0.05, 0.0005, known=1)[0])
+    _, _, time, *_ = over_rail(0.05, 0.002, known=1)
+    np.testing.assert_array_equal(time, [1.0])
+
+
 def test_a_vertex_goes_through_a_rail_in_one_step_and_is_found():
     x, way = np.array([[0.01, 0.0, 40.0]]), np.array([[0.0, 0.0, -80.0]])
     one = np.full(1, RADIUS)

@@ -195,3 +195,16 @@ def test_contacts_met_first_are_all_there_are():
     met = some_contacts()
     np.testing.assert_array_equal(no_contacts().renewed(met).edge, no_contacts().and_also(met).edge)
     np.testing.assert_array_equal(met.renewed(no_contacts()).edge, met.edge)
+
+
+def test_what_cannot_part_keeps_the_distance_it_had_and_begins_without_force():
+    model, state = crossing(2 * RADIUS * 0.95)
+    found = Touching(model, 0.0).between_strands(state.x, 0 * state.x, H, no_contacts())
+    found = found._replace(force=np.ones_like(found.force))
+    assert found.mended[0] > 0.0
+    left = found.unmended(np.zeros(len(found.edge), bool))
+    np.testing.assert_array_equal(left.kept, found.kept)
+    np.testing.assert_array_equal(left.force, found.force)
+    still = found.unmended(np.ones(len(found.edge), bool))
+    assert still.kept[0] == pytest.approx(state.x[3, 2]) and not still.mended.any() and not still.force.any()
+    np.testing.assert_array_equal(still.unmended(np.ones(len(found.edge), bool)).kept, still.kept)

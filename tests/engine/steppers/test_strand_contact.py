@@ -268,3 +268,19 @@ def test_strands_in_one_place_part_slowly_and_break_nothing():
         apart.append(np.linalg.norm(state.x[:6] - state.x[6:], axis=1).max())
     assert np.isfinite(state.x).all() and len(stepper.contacts.edge) > 0
     assert np.all(np.diff(apart) > 0.0) and np.diff(apart).max() <= 1.1 * MOST * 1e-4 * 1e-3 / MENDING
+
+
+def test_what_is_squeezed_between_two_walls_stays_as_deep_in_both():
+    apart = 1.9 * RADIUS
+    up, down = np.eye(3), np.diag([1.0, -1.0, -1.0])
+    walls = Obstacles(np.full(2, ObstacleKind.PLANE), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, apart]]), np.stack([up, down]),
+                      np.zeros((2, 3)), np.array([0.3, 0.3]))
+    between = motion(walls, no_handles(), 0.0, H)
+    s, assembly = np.linspace(-0.02, 0.02, 5), StrandAssembly()
+    assembly.strand(np.column_stack([s, 0 * s, np.full(5, 0.5 * apart)]), RADIUS, HAIR)
+    model, state = assembly.build()
+    stepper = StrandStepper(model, ZERO)
+    for _ in range(5):
+        report = stepper.step(state, H, obstacles=between)
+        assert report.accepted, report.reason
+        assert report.contact_gap <= 0.05 + 1e-2
