@@ -15,6 +15,7 @@ LABELS = {
     "penetration_max": "penetration, deepest (radii)", "momentum_drift": "momentum drift",
     "energy_drift": "energy drift", "volume_drift": "volume drift",
 }
+ROUNDED = 0.9995  # from where three digits show a whole
 SECONDS = {"simulated_s", "compile_s", "wall_s", "dt_default", "dt_min", "s_per_step"}
 
 
@@ -27,9 +28,9 @@ def duration(seconds: float | None) -> str:
     """Return a time span: `3.2 ms`, `4.1 s`, `3 min 20 s`, `2 h 5 min`; a dash while unknown."""
     if seconds is None:
         return "–"
-    if 0 < seconds < 1e-3:
+    if 0 < seconds < ROUNDED * 1e-3:
         return f"{seconds * 1e6:.3g} µs"
-    if 0 < seconds < 1:
+    if 0 < seconds < ROUNDED:
         return f"{seconds * 1e3:.3g} ms"
     if seconds < 60:
         return f"{seconds:.3g} s"
