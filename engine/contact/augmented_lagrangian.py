@@ -124,6 +124,8 @@ def solve(
     the `tolerance`, or a share `inexact` of what the first round moves, or after `most`; it is infinite where a Hessian has no
     factor. Where there is a `penalty` [C] [N/m], contacts are springs of this stiffness and nothing else.
     """
+    if not len(force):
+        return Answer(0, 0, 0, 0.0, np.zeros_like(strands.gradient), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0, np.bool_))
     usual = align(problem, strands.band, strands.held)
     stiffest, stiffness = usual.copy(), np.zeros_like(usual)
     if penalty is not None:

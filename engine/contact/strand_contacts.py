@@ -113,9 +113,19 @@ class Contacts(NamedTuple):
             kept=np.where(which, self.kept - self.mended, self.kept), mended=np.where(which, 0.0, self.mended),
             force=np.where(which[:, None], 0.0, self.force))
 
+    def gap(self, moved: Floats) -> Floats:
+        """Return how far sides are from the distance that they keep where vertices move by `moved` [V, 3], shape [C] [m]."""
+        return self.apart + np.einsum("ck,ck->c", self.normal, self.displaced(moved)) - self.kept
+
     def those(self, which: Flags) -> "Contacts":
         """Return the contacts `which` [C]."""
         return Contacts._make(values[which] for values in self)
+
+    def with_those(self, which: Flags, those: "Contacts") -> "Contacts":
+        """Return these contacts, of which those `which` [C] have become `those`, and keep only what these have of force."""
+        kept, mended, force = self.kept.copy(), self.mended.copy(), np.zeros_like(self.force)
+        kept[which], mended[which], force[which] = those.kept, those.mended, those.force
+        return self._replace(kept=kept, mended=mended, force=force)
 
     def and_also(self, more: "Contacts") -> "Contacts":
         """Return these and more contacts, in the order of their edges."""

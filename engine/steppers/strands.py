@@ -64,14 +64,17 @@ class StrandStepper:
         watch.lap("predict")
         for number in range(settings.max_rounds):
             if len(contacts.edge):
-                problem = contact_problem(contacts, self.touching.strand, self._pull(contacts, state.x), h * h / predicted.mass)
+                acts = self._may_press(contacts, after.x - state.x, predicted.target - state.x)
+                pressing = contacts.those(acts)
+                problem = contact_problem(pressing, self.touching.strand, self._pull(pressing, state.x), h * h / predicted.mass)
                 strands = linearised(self.model, predicted, problem.strand, state, after)
-                force = contacts.force.copy()
+                force = pressing.force.copy()
                 answer = solve(strands, problem, after.x - state.x, force, settings.contact_tolerance,
-                               settings.max_contact_rounds, self._penalty(contacts), INEXACT)
-                contacts = contacts._replace(force=np.einsum("cij,ci->cj", problem.frame, force))
+                               settings.max_contact_rounds, self._penalty(pressing), INEXACT)
+                pressing = pressing._replace(force=np.einsum("cij,ci->cj", problem.frame, force))
                 if answer.stuck.any():  # what is squeezed in a wedge cannot part from both of its sides
-                    squeezed, contacts = True, contacts.unmended(answer.stuck)
+                    squeezed, pressing = True, pressing.unmended(answer.stuck)
+                contacts = contacts.with_those(acts, pressing)
                 report.linear_iterations += answer.linear
                 moves = np.abs(answer.step[:, :3]).max() / contacts.touch.min()
                 watch.lap("contact")
@@ -80,7 +83,7 @@ class StrandStepper:
                 if not len(met.edge) and near and (moves <= AGREE * settings.contact_tolerance or slow):
                     break
                 last = moves
-                springs = springs_of(contacts, problem, force, answer.slope, after.x + answer.step[:, :3], self.touching.strand)
+                springs = springs_of(pressing, problem, force, answer.slope, after.x + answer.step[:, :3], self.touching.strand)
             if not self._solve_strands(predicted, springs, which, state, after, report):
                 return report
             watch.lap("strands")
@@ -140,6 +143,14 @@ class StrandStepper:
             most = report.newton_iterations >= settings.max_newton
             report.reason = "Newton did not converge" if most else "the line search found no descent"
         return bool(converged.all())
+
+    def _may_press(self, contacts: Contacts, *ways: Floats) -> Flags:
+        """Which contacts [C] press, or come to on one of the `ways` [V, 3] [m] that vertices may move; with cohesion all hold."""
+        near = self.settings.contact_tolerance * contacts.touch
+        acts = np.any(contacts.force != 0.0, axis=1) | (self.settings.cohesion > 0.0)
+        for way in ways:
+            acts |= contacts.gap(way) <= near
+        return acts
 
     def _penalty(self, contacts: Contacts) -> Floats | None:
         """Stiffness of contacts where they are no more than springs [N/m], shape [C]: in proportion to the softer side's own."""

@@ -208,3 +208,24 @@ def test_what_cannot_part_keeps_the_distance_it_had_and_begins_without_force():
     still = found.unmended(np.ones(len(found.edge), bool))
     assert still.kept[0] == pytest.approx(state.x[3, 2]) and not still.mended.any() and not still.force.any()
     np.testing.assert_array_equal(still.unmended(np.ones(len(found.edge), bool)).kept, still.kept)
+
+
+def test_the_gap_is_what_the_law_keeps_from_closing():
+    model, state = crossing(0.5)
+    touching = Touching(model, 0.0)
+    for depth in (0.41, 0.8):
+        found = touching.between_strands(state.x, falling(state, depth), H, no_contacts())
+        np.testing.assert_allclose(found.gap(np.zeros_like(state.x)), 0.5 - 2 * RADIUS)
+        np.testing.assert_allclose(found.gap(falling(state, 0.1)), 0.4 - 2 * RADIUS)
+
+
+def test_some_of_the_contacts_change_and_the_others_lose_their_force():
+    contacts = some_contacts()
+    which = np.arange(12) % 3 == 0
+    some = contacts.those(which)
+    assert len(some.edge) == 4
+    after = contacts.with_those(which, some._replace(force=2.0 * some.force, kept=some.kept + 1.0))
+    np.testing.assert_array_equal(after.force[which], 2.0 * contacts.force[which])
+    assert not after.force[~which].any()
+    np.testing.assert_array_equal(after.kept, contacts.kept + which)
+    np.testing.assert_array_equal(after.normal, contacts.normal)
