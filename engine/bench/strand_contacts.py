@@ -112,6 +112,7 @@ class Bundle:
         contacts = contacts.and_also(touching.with_solids(state.x, still, STEP, self.obstacles, no_contacts()))
         contacts = contacts.with_forces(state.contact_key, state.contact_force)
         predicted = inertia(model, state, StrandLoads(), GRAVITY, implicit_euler(model, STEP))
+        contacts = contacts.those(contacts.may_press(self.stepper.settings.contact_tolerance, still, predicted.target - state.x))
         contact = contact_problem(contacts, touching.strand, np.zeros(len(contacts.edge)), STEP**2 / predicted.mass)
         guess = replace(state, turn=np.zeros_like(state.turn))
         return LinearProblem(linearised(model, predicted, contact.strand, state, guess), contact, still, contacts.force)

@@ -117,6 +117,16 @@ class Contacts(NamedTuple):
         """Return how far sides are from the distance that they keep where vertices move by `moved` [V, 3], shape [C] [m]."""
         return self.apart + np.einsum("ck,ck->c", self.normal, self.displaced(moved)) - self.kept
 
+    def may_press(self, tolerance: float, *ways: Floats) -> Flags:
+        """Return which contacts press, or come to on one of the `ways` [V, 3] [m] that vertices may move, shape [C].
+
+        They do where sides are within `tolerance` distances of touch of the distance that they keep.
+        """
+        acts = np.any(self.force != 0.0, axis=1)
+        for way in ways:
+            acts |= self.gap(way) <= tolerance * self.touch
+        return acts
+
     def those(self, which: Flags) -> "Contacts":
         """Return the contacts `which` [C]."""
         return Contacts._make(values[which] for values in self)

@@ -64,7 +64,8 @@ class StrandStepper:
         watch.lap("predict")
         for number in range(settings.max_rounds):
             if len(contacts.edge):
-                acts = self._may_press(contacts, after.x - state.x, predicted.target - state.x)
+                acts = contacts.may_press(settings.contact_tolerance, after.x - state.x, predicted.target - state.x)
+                acts |= settings.cohesion > 0.0
                 pressing = contacts.those(acts)
                 problem = contact_problem(pressing, self.touching.strand, self._pull(pressing, state.x), h * h / predicted.mass)
                 strands = linearised(self.model, predicted, problem.strand, state, after)
@@ -143,14 +144,6 @@ class StrandStepper:
             most = report.newton_iterations >= settings.max_newton
             report.reason = "Newton did not converge" if most else "the line search found no descent"
         return bool(converged.all())
-
-    def _may_press(self, contacts: Contacts, *ways: Floats) -> Flags:
-        """Which contacts [C] press, or come to on one of the `ways` [V, 3] [m] that vertices may move; with cohesion all hold."""
-        near = self.settings.contact_tolerance * contacts.touch
-        acts = np.any(contacts.force != 0.0, axis=1) | (self.settings.cohesion > 0.0)
-        for way in ways:
-            acts |= contacts.gap(way) <= near
-        return acts
 
     def _penalty(self, contacts: Contacts) -> Floats | None:
         """Stiffness of contacts where they are no more than springs [N/m], shape [C]: in proportion to the softer side's own."""

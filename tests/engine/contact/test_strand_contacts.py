@@ -229,3 +229,11 @@ def test_some_of_the_contacts_change_and_the_others_lose_their_force():
     assert not after.force[~which].any()
     np.testing.assert_array_equal(after.kept, contacts.kept + which)
     np.testing.assert_array_equal(after.normal, contacts.normal)
+
+
+def test_what_presses_or_comes_to_on_one_of_the_ways_may_press():
+    model, state = crossing(0.5)
+    still, found = np.zeros_like(state.x), Touching(model, 0.0).between_strands(state.x, falling(state, 0.45), H, no_contacts())
+    assert not found.may_press(0.01, still, falling(state, 0.39)).any()
+    assert found.may_press(0.01, still, falling(state, 0.3995)).all()
+    assert found._replace(force=np.ones_like(found.force)).may_press(0.01, still).all()
