@@ -14,7 +14,7 @@ def give_back_large_arrays() -> None:
     """Have what is as large as LARGE go back to the system when it is freed, where the allocator is that of glibc.
 
     By itself it raises that size up to 32 MB as such arrays are freed, and keeps them in a heap with holes: `shirt-tag-buckle`
-    then holds 6.1 kB a point after 50 steps, not 5.9.
+    then holds 6.1 kB a point after 50 steps, not 6.0.
     """
     set_option = getattr(ctypes.CDLL(None), "mallopt", None)
     if set_option is not None:
