@@ -1,0 +1,1 @@
+"""Bulk liquid: particles on a sparse staggered grid."""
