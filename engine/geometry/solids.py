@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from engine.arrays import Floats, Ints
+from engine.arrays import Flags, Floats, Ints
 from engine.geometry.sampled_distance import sampled_distance
 from engine.geometry.signed_distance import signed_distance
 
@@ -31,6 +31,21 @@ def distance_to(solids, o, x, normal):
         return sampled_distance(solids.lattice[o], solids.samples, solids.centre[o], solids.rotation[o], solids.size[o], x,
                                 normal)
     return signed_distance(solids.kind[o], solids.centre[o], solids.rotation[o], solids.size[o], x, normal)
+
+
+def inside(solids: Solids, x: Floats) -> Flags:
+    """Return which places x [n, 3] [m] are in one of the solids, shape [n]."""
+    found = np.zeros(len(x), np.bool_)
+    _mark_inside(solids, x, found)
+    return found
+
+
+@njit(cache=True)
+def _mark_inside(solids, x, found):
+    normal = np.empty(3)
+    for p in range(len(x)):
+        for o in range(len(solids.kind)):
+            found[p] |= distance_to(solids, o, x[p], normal) < 0.0
 
 
 def moved_along(begin: Solids, end: Solids, o: int, x: Floats) -> Floats:

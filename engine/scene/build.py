@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from engine.arrays import Floats
-from engine.contact.obstacles import ObstacleKind, Obstacles
+from engine.contact.obstacles import ObstacleKind, Obstacles, posed
 from engine.contact.surface import packed
 from engine.geometry.handles import Handles
+from engine.liquid.settings import LiquidSettings
 from engine.scene.handles import handle_numbers, scripted_handles
 from engine.scene.meshes import contact_reach, sampled_mesh
 from engine.scene.placement import axes
@@ -20,6 +21,9 @@ from engine.yarns.settings import YarnSettings
 if TYPE_CHECKING:  # kernels are imported only for the components that a scene has
     from engine.contact.sphere_packing import Collisions
     from engine.contact.surface_roots import SurfaceRoots
+    from engine.liquid.model import LiquidModel, LiquidState
+    from engine.liquid.sinks import LiquidSinks
+    from engine.liquid.sources import LiquidSources
     from engine.strands.model import StrandModel, StrandState
     from engine.yarns.model import YarnModel, YarnState
 
@@ -39,6 +43,12 @@ class Built:
     strand_drag: Floats | None  # force over velocity, of vertices [N s/m], shape [V]; None where nothing drags
     strand_settings: StrandSettings
     strand_roots: "tuple[SurfaceRoots, ...]"  # held by bodies that change their shape
+    liquid: "LiquidModel | None"
+    liquid_state: "LiquidState | None"
+    liquid_settings: LiquidSettings
+    liquid_obstacles: Obstacles  # those of the scene, and the walls of the tank
+    sources: "LiquidSources | None"  # of the liquid
+    sinks: "LiquidSinks | None"  # of the liquid
     handles: Handles
     obstacles: Obstacles
     gravity: Floats  # [m/s^2], shape [3]
@@ -47,7 +57,9 @@ class Built:
 def build(scene: Scene) -> Built:
     """Build a scene that `load_scene` accepted."""
     yarns = state = collisions = strands = strand_state = strand_drag = None
-    obstacles = _obstacles(scene)
+    liquid = liquid_state = sources = sinks = None
+    handles = scripted_handles(scene.script)
+    obstacles = liquid_obstacles = _obstacles(scene)
     strand_roots: tuple[SurfaceRoots, ...] = ()
     if scene.yarns or scene.fabrics:
         from engine.scene.yarns import build_yarns
@@ -58,6 +70,12 @@ def build(scene: Scene) -> Built:
 
         strands, strand_state, strand_drag = build_strands(scene)
         strand_roots = roots_on_changing_bodies(scene, strands, strand_state, obstacles)
+    if scene.liquid is not None:
+        from engine.scene.liquid_build import build_liquid, build_sinks, build_sources, with_walls
+
+        liquid_obstacles = with_walls(obstacles, scene.liquid)
+        liquid, liquid_state = build_liquid(scene, scene.liquid, posed(liquid_obstacles, handles, 0.0))
+        sources, sinks = build_sources(scene, scene.liquid), build_sinks(scene.liquid)
     return Built(
         yarns=yarns,
         state=state,
@@ -68,7 +86,13 @@ def build(scene: Scene) -> Built:
         strand_drag=strand_drag,
         strand_settings=StrandSettings(**scene.strand_step.model_dump()),
         strand_roots=strand_roots,
-        handles=scripted_handles(scene.script),
+        liquid=liquid,
+        liquid_state=liquid_state,
+        liquid_settings=LiquidSettings(**scene.liquid_step.model_dump()),
+        liquid_obstacles=liquid_obstacles,
+        sources=sources,
+        sinks=sinks,
+        handles=handles,
         obstacles=obstacles,
         gravity=np.array(scene.gravity),
     )

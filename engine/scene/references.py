@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from engine.scene.liquid_materials import known_liquids
+from engine.scene.liquid_problems import liquid_problems
 from engine.scene.materials import known_materials
 from engine.scene.meshes import mesh_problems
 from engine.scene.outline import touching_sides
@@ -19,7 +21,7 @@ from engine.scene.weave import weave
 def disagreements(scene: Scene) -> Iterator[Problem]:
     """Yield what does not agree; later checks rely on earlier ones, so the first kind of problems ends the search."""
     checks = (_step, _components, _names, _known_names, _lines, _held_points, _ends, _patches, _outlines, _stacks, _edges,
-              _crimp, mesh_problems, *strand_problems)
+              _crimp, mesh_problems, *strand_problems, *liquid_problems)
     for check in checks:
         problem = None
         for problem in check(scene):
@@ -39,8 +41,13 @@ def _step(scene: Scene) -> Iterator[Problem]:
 def _components(scene: Scene) -> Iterator[Problem]:
     """There is something to simulate, of one kind."""
     yarns = bool(scene.yarns or scene.fabrics)
-    if not yarns and not scene.strands:
-        yield Problem("", "has nothing to simulate", "one entry at least in strands, yarns or fabrics")
+    if scene.liquid is not None and (yarns or scene.strands):
+        yield Problem("liquid", "stands beside yarns, fabrics or strands: they do not feel each other yet",
+                      "liquid and obstacles only")
+    elif scene.liquid is not None and scene.contact.self:
+        yield Problem("contact.self", "is about yarns only", "false")
+    elif scene.liquid is None and not yarns and not scene.strands:
+        yield Problem("", "has nothing to simulate", "a liquid, or one entry at least in strands, yarns or fabrics")
     elif yarns and scene.strands:
         yield Problem("strands", "stand beside yarns or fabrics: the two do not feel each other yet", "one of both in a scene")
     elif scene.strands and scene.contact.self:
@@ -62,7 +69,8 @@ def _names(scene: Scene) -> Iterator[Problem]:
 
 def _known_names(scene: Scene) -> Iterator[Problem]:
     known = {
-        "material": list(known_materials(scene.materials)), "fabric": [fabric.name for fabric in scene.fabrics],
+        "material": list(known_materials(scene.materials)),
+        "liquid material": list(known_liquids(scene.liquid_materials)), "fabric": [fabric.name for fabric in scene.fabrics],
         "yarn": [yarn.name for yarn in scene.yarns], "handle": [handle.name for handle in scene.script.handles],
         "obstacle": [obstacle.name for obstacle in scene.obstacles if obstacle.name is not None],
     }
@@ -99,6 +107,10 @@ def _references(scene: Scene) -> Iterator[tuple[str, str, str | None]]:
         yield "handle", f"strands[{i}].tip.handle", group.tip.handle
         if group.groom is not None:
             yield "obstacle", f"strands[{i}].groom.on", group.groom.on
+    if scene.liquid is not None:
+        yield "liquid material", "liquid.material", scene.liquid.material
+        for i, nozzle in enumerate(scene.liquid.sources):
+            yield "handle", f"liquid.sources[{i}].handle", nozzle.handle
 
 
 def _lines(scene: Scene) -> Iterator[Problem]:

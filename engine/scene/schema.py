@@ -4,6 +4,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, Strict, Tag, model_validator
 
+from engine.scene.liquid import Liquid
+from engine.scene.liquid_materials import LiquidMaterial
 from engine.scene.materials import Material
 from engine.scene.patterns import PatternName
 from engine.scene.quantities import (
@@ -27,7 +29,7 @@ from engine.scene.quantities import (
     Vector,
     by_form,
 )
-from engine.scene.steps import Step, StrandStep
+from engine.scene.steps import LiquidStep, Step, StrandStep
 from engine.scene.strand_groups import Strands
 
 INCH = 0.0254  # [m]
@@ -335,7 +337,7 @@ class Output(Part):
 
 
 class Scene(Part):
-    """A scene: yarns and fabrics or strands, what they touch, what moves them, and how they are simulated."""
+    """A scene: yarns and fabrics, or strands, or liquid, what they touch, what moves them, and how they are simulated."""
 
     strandline: Literal[1]
     """Version of the format."""
@@ -349,14 +351,18 @@ class Scene(Part):
     """Frames per simulated second."""
     step: Step = Step()
     strand_step: StrandStep = StrandStep()
+    liquid_step: LiquidStep = LiquidStep()
     materials: Annotated[dict[Name, Material], Field(max_length=1000, default_factory=dict)]
     """Materials by name, beside the presets."""
+    liquid_materials: Annotated[dict[Name, LiquidMaterial], Field(max_length=1000, default_factory=dict)]
+    """Materials of liquids by name, beside the presets."""
     yarns: Several[Yarn] = ()
     crossings: Many[Crossing] = ()
     fabrics: Few[Fabric] = ()
     contacts: Several[Contact] = ()
     contact: Collisions = Collisions()
     strands: Several[Strands] = ()
+    liquid: Liquid | None = None
     obstacles: Few[Obstacle] = ()
     script: Script = Script()
     output: Output = Output()

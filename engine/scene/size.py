@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import ceil
 
 from engine.scene.edges import edge_crossings
+from engine.scene.liquid_seeding import emitted_count, expected_count, own_pitch
 from engine.scene.problems import Problem
 from engine.scene.rods import held_points, piece_segments
 from engine.scene.schema import Box, Scene
@@ -12,6 +13,7 @@ from engine.scene.stack import contact_count
 from engine.scene.weave import weave
 
 POINT_LIMIT = 2_000_000
+PARTICLE_LIMIT = 20_000_000
 FRAME_LIMIT = 1_000_000
 STEP_LIMIT = 100_000_000
 
@@ -24,23 +26,26 @@ class SizeEstimate:
     points: int
     strands: int
     strand_vertices: int
+    particles: int  # of liquid, those that come out up to the end among them
     frames: int
     steps: int  # at the default step
 
 
 @dataclass(frozen=True)
 class PartSize:
-    """Points and nodes of yarns, and strands and their vertices, that come from one part of a scene."""
+    """Points and nodes of yarns, strands and their vertices, and particles, that come from one part of a scene."""
 
     path: str
     points: int = 0
     nodes: int = 0
     strands: int = 0
     strand_vertices: int = 0
+    particles: int = 0
 
 
 def estimate(scene: Scene) -> SizeEstimate:
-    """Return the size of a scene; nodes, points and vertices are exact. The cost grows with the number
+    """Return the size of a scene; nodes, points and vertices are exact, particles are
+    so but for round shapes and what overlaps. The cost grows with the number
     of yarns, in patches with an outline with that of crossings."""
     parts = list(part_sizes(scene))
     frames = int(scene.duration * scene.fps + 1e-9) + 1
@@ -50,6 +55,7 @@ def estimate(scene: Scene) -> SizeEstimate:
         points=sum(part.points for part in parts),
         strands=sum(part.strands for part in parts),
         strand_vertices=sum(part.strand_vertices for part in parts),
+        particles=sum(part.particles for part in parts),
         frames=frames,
         # frames shorten steps, so that one ends at every frame
         steps=max(ceil(scene.duration / scene.step.default - 1e-9), steps_a_frame * (frames - 1)),
@@ -79,6 +85,11 @@ def part_sizes(scene: Scene) -> Iterator[PartSize]:
     for i, group in enumerate(scene.strands):
         counts = group.vertex_counts
         yield PartSize(f"strands[{i}]", strands=len(counts), strand_vertices=sum(counts))
+    if (liquid := scene.liquid) is not None:
+        for i, shape in enumerate(liquid.initial):
+            yield PartSize(f"liquid.initial[{i}]", particles=round(expected_count(shape, own_pitch(liquid, shape))))
+        for i, nozzle in enumerate(liquid.sources):
+            yield PartSize(f"liquid.sources[{i}]", particles=round(emitted_count(nozzle, liquid.pitch, scene.duration)))
 
 
 def excesses(scene: Scene) -> Iterator[Problem]:
@@ -88,6 +99,10 @@ def excesses(scene: Scene) -> Iterator[Problem]:
         largest = max(part_sizes(scene), key=lambda part: part.points + part.strand_vertices)
         message = f"the scene has {total:,} {'vertices' if size.strand_vertices else 'points'}, most of them here"
         yield Problem(largest.path, message, f"at most {POINT_LIMIT:,}")
+    if size.particles > PARTICLE_LIMIT:
+        largest = max(part_sizes(scene), key=lambda part: part.particles)
+        yield Problem(largest.path, f"the liquid has {size.particles:.3g} particles, most of them here",
+                      f"at most {PARTICLE_LIMIT:,}: a larger spacing or fewer particles_per_cell")
     if size.frames > FRAME_LIMIT:
         yield Problem("fps", f"gives {size.frames:,} frames", f"at most {FRAME_LIMIT:,}")
     if size.steps > STEP_LIMIT:

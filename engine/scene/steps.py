@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from engine.liquid.settings import LiquidSettings
 from engine.scene.quantities import Count, NotNegative, Part, Positive, Seconds
 from engine.strands.settings import StrandSettings
 from engine.yarns.settings import YarnSettings
@@ -82,3 +83,24 @@ class StrandStep(Part):
     """Force per length that holds strands together which touch [N/m]."""
     cohesion_reach: NotNegative = StrandSettings.cohesion_reach
     """Distance of their surfaces up to which strands that part are held [m]."""
+
+
+class LiquidStep(Part):
+    """The knobs of speed against error of one step of liquid; its size is that of `step`, and what `courant` leaves of it."""
+
+    courant: Annotated[float, Field(gt=0, le=10)] = LiquidSettings.courant
+    """Cells of the grid that the fastest particle may cross in a step, at most."""
+    pressure_tolerance: Annotated[float, Field(gt=0, lt=1)] = LiquidSettings.pressure_tolerance
+    """Residual that ends the solve for pressure, relative to its right-hand side."""
+    shear_tolerance: Annotated[float, Field(gt=0, lt=1)] = LiquidSettings.shear_tolerance
+    """Residual that ends Newton's iterations under shear stress, relative to that at their start."""
+    max_newton: Annotated[int, Field(ge=1, le=1000)] = LiquidSettings.max_newton
+    """Newton iterations after which the step is tried again with half the size."""
+    max_linear: Count = LiquidSettings.max_linear
+    """Iterations of each linear solve."""
+    plastic_flow: Literal["implicit", "analytic"] = LiquidSettings.plastic_flow
+    """How stress beyond yield relaxes: by implicit Euler, or by the closed form for a strain that is held."""
+    shear: Literal["implicit", "explicit"] = LiquidSettings.shear
+    """Whether shear stress acts as it is at the end of a step or at its start; explicit, it needs short steps."""
+    pressure: Literal["implicit", "explicit"] = LiquidSettings.pressure
+    """The same of pressure; explicit for liquids that have a bulk modulus only."""

@@ -19,3 +19,11 @@ def hair(name="hair", **parts):
 
 def groom(**parts):
     return hair(groom={"count": 20, "length": 0.1} | ({} if "on" in parts else {"rectangle": [0.1, 0.05]}) | parts)
+
+
+def liquid(*initial, **parts):
+    return scene_of(liquid={"material": "water", "spacing": 0.01, "initial": list(initial)} | parts)
+
+
+def block(low=(0, 0, 0), high=(0.1, 0.05, 0.04), **parts):
+    return {"shape": "box", "low": list(low), "high": list(high)} | parts

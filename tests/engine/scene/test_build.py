@@ -13,6 +13,7 @@ from engine.contact.obstacles import ObstacleKind
 from engine.scene.build import build, estimate
 from engine.scene.load import load_scene, shipped_scenes
 from engine.scene.materials import PRESETS, yarn_material
+from engine.scene.size import part_sizes
 from engine.yarns.assembly import YarnAssembly, YarnMaterial
 from engine.yarns.model import PointKind
 from tests.engine.scene.scenes import cloth, groom, rod, scene_of
@@ -42,11 +43,14 @@ def test_shipped_scenes_build_to_their_estimate(path):
     if made.yarns is not None:
         assert (made.yarns.node_count, made.yarns.point_count, 0, 0) == (
             size.nodes, size.points, size.strands, size.strand_vertices)
+    elif made.liquid_state is not None:
+        let_out = sum(part.particles for part in part_sizes(scene) if "sources" in part.path)
+        assert len(made.liquid_state.x) == pytest.approx(size.particles - let_out, rel=0.02)
     else:
         assert (0, 0, len(made.strands.start) - 1, len(made.strands.mass)) == (
             size.nodes, size.points, size.strands, size.strand_vertices)
-    for state in filter(None, (made.state, made.strand_state)):
-        for values in vars(state).values():
+    for state in filter(None, (made.state, made.strand_state, made.liquid_state)):
+        for values in (values for values in vars(state).values() if values is not None):
             assert np.isfinite(values).all()
 
 

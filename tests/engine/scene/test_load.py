@@ -73,6 +73,14 @@ def test_every_scene_of_strands_ships():
     }
 
 
+def test_every_scene_of_liquid_ships():
+    assert set(shipped_scenes()) >= {
+        "dam-break-water", "dam-break-mud", "cream-pile", "shaving-cream-compress", "shaving-cream-compress-soft",
+        "shaving-cream-compress-hard", "paint-pour", "chocolate-pour", "oyster-sauce-column", "film-incline-newtonian",
+        "film-incline-bingham",
+    }
+
+
 @pytest.mark.parametrize("name, within, between", [
     ("tablecloth-angled", 96_290, 132_200), ("jeans-pocket", 398_782, 245_024), ("shirt-tag-buckle", 68_810, 18_356),
 ])
@@ -409,4 +417,4 @@ def test_anything_loads_or_is_refused_cleanly(parts):
         assert error.problems and str(error).encode()
     else:
         size = estimate(scene)
-        assert size.points > 0 or size.strand_vertices > 0
+        assert size.points > 0 or size.strand_vertices > 0 or size.particles > 0

@@ -3,8 +3,9 @@
 import json
 from dataclasses import fields
 
+from engine.liquid.settings import LiquidSettings
 from engine.scene.load import scene_schema
-from engine.scene.steps import Step, StrandStep
+from engine.scene.steps import LiquidStep, Step, StrandStep
 from engine.strands.settings import StrandSettings
 from engine.yarns.settings import YarnSettings
 
@@ -44,3 +45,8 @@ def test_every_setting_of_the_yarn_method_is_a_key_of_step():
 def test_every_setting_of_the_strand_method_is_a_key_of_strand_step():
     settings = {field.name: field.default for field in fields(StrandSettings)}
     assert {name: field.default for name, field in StrandStep.model_fields.items()} == settings
+
+
+def test_every_setting_of_the_liquid_method_is_a_key_of_liquid_step():
+    settings = {field.name: field.default for field in fields(LiquidSettings)}
+    assert {name: field.default for name, field in LiquidStep.model_fields.items()} == settings
