@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from engine.scene.liquid import LiquidCylinder, LiquidMesh
-from engine.scene.liquid_bounds import bounds, period
+from engine.scene.liquid_bounds import bounds, origin, period
 from engine.scene.liquid_materials import known_liquids
 from engine.scene.liquid_seeding import own_pitch, places_in_box_around
 from engine.scene.problems import Problem
@@ -13,7 +13,7 @@ from engine.scene.schema import Scene
 
 LEAST_WAY = 1e-9  # length of a vector that still says which way
 PLACE_LIMIT = 40_000_000  # that are looked at for what one mesh holds
-CELL_LIMIT = 1_000_000  # along each axis of the box that the liquid may be in
+CELL_LIMIT = 1_000_000  # along each axis, from where the grid begins to the ends of the box that the liquid may be in
 WHOLE = 1e-6  # cells by which a length may differ from a number of whole ones
 
 
@@ -66,11 +66,10 @@ def _grid(scene: Scene) -> Iterator[Problem]:
             if abs(cells - whole) > WHOLE or whole < 1 or (whole != 4 and whole % 8):
                 box = "the tank has" if liquid.tank is not None else "bounds have"
                 yield Problem(path, f"{box} {cells:.6g} cells along {axis}", "4 cells, or a multiple of 8")
-    low, high = bounds(scene, liquid)
-    cells = float(np.max((high - low) / liquid.spacing))
+    cells = float(np.max(np.abs(np.array(bounds(scene, liquid)) - origin(scene, liquid)))) / liquid.spacing
     if cells > CELL_LIMIT:
         path = "liquid.spacing" if liquid.bounds is None else "liquid.bounds"
-        yield Problem(path, f"the box that the liquid may be in has {cells:.3g} cells along an axis",
+        yield Problem(path, f"the box that the liquid may be in ends {cells:.3g} cells away from where its grid begins",
                       f"at most {CELL_LIMIT:,}: a larger spacing, or narrower bounds")
 
 

@@ -145,7 +145,8 @@ def test_there_is_no_liquid_in_obstacles_nor_behind_walls():
 def test_shapes_move_as_they_are_told():
     made = built(liquid(block(velocity=[1, 2, 3], angular_velocity=[0, 0, 180])))
     state, spin = made.liquid_state, np.array([0, 0, np.pi])
-    np.testing.assert_allclose(state.velocity, np.cross(spin, state.x - [0.05, 0.025, 0.02]) + [1, 2, 3], atol=1e-12)
+    turning = np.cross(spin, state.x - [0.05, 0.025, 0.02])
+    np.testing.assert_allclose(state.velocity - turning, np.tile([1, 2, 3], (len(state.x), 1)), atol=1e-12)
     np.testing.assert_allclose(np.einsum("nij,j->ni", state.affine, [1.0, 2.0, 3.0]),
                                np.tile(np.cross(spin, [1.0, 2.0, 3.0]), (len(state.x), 1)), atol=1e-12)
 
@@ -198,10 +199,20 @@ def test_what_repeats_is_within_one_period():
     assert (made.liquid.low[2], made.liquid.high[2]) == (-1, 1)
 
 
+@settings(deadline=None)
+@given(shapes())
+def test_the_box_around_a_shape_is_that_of_its_particles(shape):
+    made = built(liquid(shape.model_dump(mode="json", exclude_none=True), spacing=0.004))
+    low, high = made.liquid_state.x.min(axis=0), made.liquid_state.x.max(axis=0)
+    np.testing.assert_allclose(made.liquid.origin, low, atol=0.008)
+    assert (low > made.liquid.low).all() and (high < made.liquid.high).all()
+
+
 def test_bounds_are_far_away_by_default():
     made = built(liquid(block(), sources=[nozzle()]) | {"obstacles": [{"shape": "plane", "position": [0, 0, -1]}]})
     np.testing.assert_allclose(made.liquid.low, [-26 - 0.0, -26, -27], atol=0.5)
     np.testing.assert_allclose(made.liquid.high, [26.1, 26.05, 26.3], atol=0.5)
+    assert made.liquid.origin.tolist() == [0, 0, -1], "the low corner of what is there"
 
 
 @pytest.mark.parametrize("parts, area, end", [
@@ -244,10 +255,12 @@ WRONG = {
     "unknown shape": (liquid({"shape": "sphere"}), "liquid.initial[0].shape", 'cannot be "sphere"', "ball"),
     "huge": (liquid(block(high=[1e300, 1, 1])), "liquid.initial[0].high[0]", "cannot be 1e+300", "1000000"),
     "NaN": (liquid(block(), spacing=float("nan")), "liquid.spacing", "cannot be NaN", "finite"),
-    "tiny cells": (liquid(block(), spacing=1e-9), "liquid.spacing", "the box that the liquid may be in has", "1,000,000"),
+    "tiny cells": (liquid(block(), spacing=1e-9), "liquid.spacing", "the box that the liquid may be in ends", "1,000,000"),
     "many particles": (liquid(block(high=[1, 1, 1]), spacing=1e-3), "liquid.initial[0]", "the liquid has 8e+09 particles",
                        "20,000,000"),
     "tiny cells within bounds": (liquid(block(), spacing=1e-9, bounds=TANK), "liquid.bounds", "the box", "narrower"),
+    "far from the tank": (liquid(block(), bounds={"low": [0, 0, 1e5], "high": [1, 1, 2e5]}, tank=TANK), "liquid.bounds",
+                          "the box that the liquid may be in ends 2e+07 cells away", "narrower"),
     "flood": (liquid(sources=[nozzle(speed=1e9)]), "liquid.sources[0]", "the liquid has", "20,000,000"),
     "axis without way": (liquid(CYLINDER | {"axis": [0, 0, 0]}), "liquid.initial[0].axis", "has no length", "way"),
     "flow without way": (liquid(sources=[nozzle(direction=[0, 0, 0])]), "liquid.sources[0].direction", "has no length", "way"),
