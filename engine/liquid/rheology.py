@@ -107,7 +107,7 @@ def implicit_return(trial, mu_hat, h, yield_norm, consistency, flow_index):
         left = _root(1.0, loss, 1.0 / flow_index)
     else:
         left = _root(loss, 1.0, flow_index) ** flow_index
-    return yield_norm + left * excess, flow_index * left / (flow_index * left + 1.0 - left)
+    return yield_norm + left * excess, flow_index * left / (flow_index * left + (1.0 - left))
 
 
 @njit(cache=True, error_model="numpy")
@@ -142,7 +142,7 @@ def volume_preserving(b):
     """Return the strain [6] that has the deviator, so the shear stress, of b [6] and a determinant of 1.
 
     For b after flow, whose determinant is at least 1. Newton on det(dev(b) + t I) = 1 from above, where it is convex.
-    Eq. 13.12 drops the trace that flow takes (Simo and Hughes 1998, sec. 9.3); plastic flow that keeps volume has it.
+    Source: plastic flow keeps volume (Fei 2019, sec. 13.1), but its form in (13.12) has dropped the trace that this takes.
     """
     a = deviator(b)
     half = 0.5 * product(a, a)
