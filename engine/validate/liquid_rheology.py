@@ -83,7 +83,7 @@ def rheometer(quick: bool) -> CaseResult:
             failures.append(f"{name}: off the rheometer's law by {off.max(axis=0)} for a shear modulus times {STIFFER}")
         notes.append(f"{name} {100.0 * off[:, 0].min():.2g} to {100.0 * off[:, 0].max():.2g} %")
     order = fitted_exponent([row.value for row in rows], [row.error for row in rows])
-    note = f"steady flow is below the rheometer's law, by finite strain: {', '.join(notes)}"
+    note = f"with volume kept, steady flow is below the rheometer's law by finite strain: {', '.join(notes)}"
     return CaseResult(rows, rows[-1].error, order, note, failures)
 
 

@@ -1,0 +1,371 @@
+"""Solids on the grid: what of faces is open, how walls move, and faces behind walls as mirror images of those before them.
+
+Open shares of faces are those that a plane leaves (Batty 2007's cut cells); where solids curve, the error is of second order in
+the spacing. A face behind a wall has the velocity with which a particle between both meets the wall's: the mirror image of the
+velocity at as much before the wall, turned about where liquid sticks, and only its part along the normal where it slips. So
+velocities between faces take their value at the wall where the wall is, not at the next face.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from engine.arrays import Flags, Floats
+from engine.geometry.solids import Solids, distance_to
+from engine.liquid.grid import CELLS, SIDE, Grid, Indices
+
+ON = 1e-6  # spacings within which a face is on a wall
+REACH = 3.0  # spacings before a wall, up to which distances matter
+IMAGES = 3  # walls that meet in a corner, each of which mirrors
+
+
+class Walls(NamedTuple):
+    """Solids as a grid of B blocks sees them, with G faces behind walls that particles reach."""
+
+    near: Flags  # whether a block comes near a solid, shape [B]
+    distance: Floats  # of cell centres to solids [spacings], at most REACH, shape [B, 64]
+    open: Floats  # shares of faces, shape [3, B, 64]
+    speed: Floats  # of walls along the normals of faces that are not quite open [m/s], shape [3, B, 64]
+    mirror: "Mirror"
+    cell_mirror: "CellMirror"
+
+
+class Mirror(NamedTuple):
+    """A linear map: u of a face behind a wall is sum of weight u[parent] + given."""
+
+    face: Indices  # shape [G]
+    parent: Indices  # of all three components, shape [G, 24]
+    weight: Floats  # shape [G, 24]
+    given: Floats  # [m/s], shape [G]
+
+
+class CellMirror(NamedTuple):
+    """Cells whose centres are behind walls, and those around their mirror images."""
+
+    cell: Indices  # shape [G]
+    parent: Indices  # shape [G, 8]
+    weight: Floats  # shape [G, 8]
+
+
+def open_space(grid: Grid) -> Walls:
+    """Return what a grid is without solids."""
+    blocks, none = len(grid.place), np.zeros(0, np.int32)
+    return Walls(
+        np.zeros(blocks, np.bool_), np.full((blocks, CELLS), REACH), np.ones((3, blocks, CELLS)), grid.faces(),
+        Mirror(none, np.zeros((0, 24), np.int32), np.zeros((0, 24)), np.zeros(0)),
+        CellMirror(none, np.zeros((0, 8), np.int32), np.zeros((0, 8))),
+    )
+
+
+def walls(grid: Grid, begin: Solids, end: Solids, h: float, no_slip: bool, mass: Floats) -> Walls:
+    """Return solids as they are at the `end` of a step of `h` [s], moving as they do in it; `mass` [3, B, 64] has liquid."""
+    found = open_space(grid)
+    if len(end.kind) == 0:
+        return found
+    _cut(grid, begin, end, h, found.near, found.distance, found.open, found.speed)
+    behind = _behind(grid, end, found.near, no_slip, mass)
+    mirror = _mirrored(grid, begin, end, h, behind, no_slip, mass)
+    return found._replace(mirror=mirror, cell_mirror=_mirrored_cells(grid, end, found.distance))
+
+
+@njit(cache=True)
+def fold(mirror, filled):
+    """Give what is filled of cells [B, 64] behind walls to those before, and let those behind be their mirror images."""
+    flat = filled.reshape(-1)
+    for g in range(len(mirror.cell)):
+        for m in range(8):
+            flat[mirror.parent[g, m]] += mirror.weight[g, m] * flat[mirror.cell[g]]
+    for g in range(len(mirror.cell)):
+        value = 0.0
+        for m in range(8):
+            value += mirror.weight[g, m] * flat[mirror.parent[g, m]]
+        flat[mirror.cell[g]] = value
+
+
+@njit(cache=True)
+def reflect(mirror, u):
+    """Set the faces behind walls of u [3, B, 64]."""
+    flat = u.reshape(-1)
+    for g in range(len(mirror.face)):
+        value = mirror.given[g]
+        for m in range(24):
+            if mirror.weight[g, m] != 0.0:
+                value += mirror.weight[g, m] * flat[mirror.parent[g, m]]
+        flat[mirror.face[g]] = value
+
+
+@njit(cache=True)
+def reflect_change(mirror, u):
+    """Set the faces behind walls of a change u [3, B, 64], to which walls add nothing."""
+    flat = u.reshape(-1)
+    for g in range(len(mirror.face)):
+        value = 0.0
+        for m in range(24):
+            if mirror.weight[g, m] != 0.0:
+                value += mirror.weight[g, m] * flat[mirror.parent[g, m]]
+        flat[mirror.face[g]] = value
+
+
+@njit(cache=True)
+def collect(mirror, force):
+    """Let the faces before walls have the force on those behind: the transpose of `reflect_change`."""
+    flat = force.reshape(-1)
+    for g in range(len(mirror.face)):
+        for m in range(24):
+            if mirror.weight[g, m] != 0.0:
+                flat[mirror.parent[g, m]] += mirror.weight[g, m] * flat[mirror.face[g]]
+        flat[mirror.face[g]] = 0.0
+
+
+@njit(cache=True)
+def collect_mass(mirror, mass):
+    """Let the faces before walls have the mass on those behind."""
+    flat = mass.reshape(-1)
+    for g in range(len(mirror.face)):
+        axis = mirror.face[g] // (mass.shape[1] * CELLS)
+        total = 0.0
+        for m in range(8 * axis, 8 * axis + 8):
+            total += abs(mirror.weight[g, m])
+        for m in range(8 * axis, 8 * axis + 8):
+            if total > 0.0:
+                flat[mirror.parent[g, m]] += abs(mirror.weight[g, m]) / total * flat[mirror.face[g]]
+
+
+@njit(cache=True, inline="always")
+def _centre(grid, b, c, axis, x):
+    """Write the centre of a cell, or of its lower face across `axis`."""
+    x[0] = grid.origin[0] + grid.spacing * (SIDE * grid.place[b, 0] + c // 16 + 0.5)
+    x[1] = grid.origin[1] + grid.spacing * (SIDE * grid.place[b, 1] + c // 4 % 4 + 0.5)
+    x[2] = grid.origin[2] + grid.spacing * (SIDE * grid.place[b, 2] + c % 4 + 0.5)
+    if axis < 3:
+        x[axis] -= 0.5 * grid.spacing
+
+
+@njit(cache=True)
+def _unit(normal):
+    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    if length > 0.0:
+        normal[0] /= length
+        normal[1] /= length
+        normal[2] /= length
+
+
+@njit(cache=True)
+def nearest(solids, x, normal):
+    """Return the distance of x [3] to the nearest solid [m] and which it is, and write the unit normal [3]."""
+    best, least = 0, np.inf
+    for o in range(len(solids.kind)):
+        distance = distance_to(solids, o, x, normal)
+        if distance < least:
+            best, least = o, distance
+    distance_to(solids, best, x, normal)
+    _unit(normal)
+    return least, best
+
+
+@njit(cache=True)
+def velocity_of(begin, end, o, x, h, velocity):
+    """Write with what velocity [3] [m/s] the place x [3] on solid o went along in a step of h [s]."""
+    for k in range(3):
+        velocity[k] = x[k] - begin.centre[o, k]
+    for m in range(3):
+        along = 0.0
+        for k in range(3):
+            along += end.rotation[o, k, m] * (x[k] - end.centre[o, k])
+        for k in range(3):
+            velocity[k] -= begin.rotation[o, k, m] * along
+    for k in range(3):
+        velocity[k] /= h
+
+
+@njit(cache=True)
+def open_share(distance, a, b):
+    """Return the share of a square of side 1 before a line, at a signed distance from its middle along a normal (a, b)."""
+    low, high = min(abs(a), abs(b)), max(abs(a), abs(b), 1e-9)
+    reach = distance + 0.5 * (low + high)
+    if reach <= 0.0:
+        return 0.0
+    if reach >= low + high:
+        return 1.0
+    if reach < low:
+        return reach * reach / (2.0 * low * high)
+    if reach <= high:
+        return (reach - 0.5 * low) / high
+    return 1.0 - (low + high - reach) ** 2 / (2.0 * low * high)
+
+
+@njit(cache=True, parallel=True)
+def _cut(grid, begin, end, h, near, cell_distance, open_, speed):
+    """Write distances of cells, open shares of faces and the speed of walls at them, in the blocks near solids."""
+    across = grid.spacing * (0.5 * SIDE + 0.5) * np.sqrt(3.0) + REACH * grid.spacing
+    for b in prange(len(grid.place)):
+        x, normal, velocity = np.empty(3), np.empty(3), np.empty(3)
+        for k in range(3):
+            x[k] = grid.origin[k] + grid.spacing * SIDE * (grid.place[b, k] + 0.5)
+        distance, _ = nearest(end, x, normal)
+        near[b] = distance < across
+        if not near[b]:
+            continue
+        for c in range(CELLS):
+            _centre(grid, b, c, 3, x)
+            distance, _ = nearest(end, x, normal)
+            cell_distance[b, c] = min(distance / grid.spacing, REACH)
+            if distance > 1.5 * grid.spacing:
+                continue
+            for axis in range(3):
+                _centre(grid, b, c, axis, x)
+                for o in range(len(end.kind)):
+                    distance = distance_to(end, o, x, normal)
+                    if distance > grid.spacing:
+                        continue
+                    _unit(normal)
+                    one, other = normal[(axis + 1) % 3], normal[(axis + 2) % 3]
+                    share = open_share(distance / grid.spacing - ON, one, other)
+                    if share < open_[axis, b, c]:
+                        open_[axis, b, c] = share
+                        velocity_of(begin, end, o, x, h, velocity)
+                        speed[axis, b, c] = velocity[axis]
+
+
+@njit(cache=True)
+def _behind(grid, end, near, no_slip, mass):
+    """Numbers of the faces behind walls, or on them where these hold them, that have mass."""
+    count, found = 0, np.empty(1024, np.int32)
+    x, normal = np.empty(3), np.empty(3)
+    for axis in range(3):
+        for b in range(len(grid.place)):
+            if not near[b]:
+                continue
+            for c in range(CELLS):
+                if mass[axis, b, c] == 0.0:
+                    continue
+                _centre(grid, b, c, axis, x)
+                distance, _ = nearest(end, x, normal)
+                if distance < -ON * grid.spacing or (
+                    distance < ON * grid.spacing and (no_slip or abs(normal[axis]) > 0.5)
+                ):
+                    if count == len(found):
+                        found = np.concatenate((found, np.empty(count, np.int32)))
+                    found[count] = (axis * len(grid.place) + b) * CELLS + c
+                    count += 1
+    return found[:count]
+
+
+def _mirrored(grid, begin, end, h, behind, no_slip, mass) -> Mirror:
+    """The map for the faces `behind` walls."""
+    before = mass.reshape(-1) > 0.0
+    before[behind] = False
+    parent, weight = np.zeros((len(behind), 24), np.int32), np.zeros((len(behind), 24))
+    given = np.zeros(len(behind))
+    _write_mirror(grid, begin, end, h, behind, no_slip, before, parent, weight, given)
+    return Mirror(behind, parent, weight, given)
+
+
+@njit(cache=True, parallel=True)
+def _write_mirror(grid, begin, end, h, behind, no_slip, before, parent, weight, given):
+    blocks = len(grid.place)
+    for g in prange(len(behind)):
+        axis, b, c = behind[g] // (CELLS * blocks), behind[g] // CELLS % blocks, behind[g] % CELLS
+        x, normal, velocity, row = np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
+        _centre(grid, b, c, axis, x)
+        row[axis] = 1.0
+        for _ in range(IMAGES):
+            distance, o = nearest(end, x, normal)
+            velocity_of(begin, end, o, x, h, velocity)
+            across = row[0] * normal[0] + row[1] * normal[1] + row[2] * normal[2]
+            for m in range(3):
+                # behind = 2 wall - before where liquid sticks, before - 2 n n.(before - wall) where it slips
+                turned = -row[m] if no_slip else row[m] - 2.0 * across * normal[m]
+                given[g] += (row[m] - turned) * velocity[m]
+                row[m] = turned
+                x[m] -= 2.0 * distance * normal[m]
+            if nearest(end, x, normal)[0] >= 0.0:
+                break
+        for m in range(3):
+            total = _parents(grid, b, x, m, before, parent[g, 8 * m : 8 * m + 8], weight[g, 8 * m : 8 * m + 8])
+            if total == 0.0:
+                given[g] += row[m] * velocity[m]
+            for n in range(8 * m, 8 * m + 8):
+                weight[g, n] = row[m] * weight[g, n] / total if total > 0.0 else 0.0
+
+
+def _mirrored_cells(grid: Grid, end: Solids, distance: Floats) -> CellMirror:
+    """The map for the cells behind walls, as far as splines reach."""
+    before = (distance >= 0.0).reshape(-1)
+    behind = np.flatnonzero((distance < 0.0) & (distance > -2.0)).astype(np.int32)
+    parent, weight = np.zeros((len(behind), 8), np.int32), np.zeros((len(behind), 8))
+    _write_cell_mirror(grid, end, behind, before, parent, weight)
+    return CellMirror(behind, parent, weight)
+
+
+@njit(cache=True, parallel=True)
+def _write_cell_mirror(grid, end, behind, before, parent, weight):
+    for g in prange(len(behind)):
+        b, c = behind[g] // CELLS, behind[g] % CELLS
+        x, normal = np.empty(3), np.empty(3)
+        _centre(grid, b, c, 3, x)
+        for _ in range(IMAGES):
+            distance, _ = nearest(end, x, normal)
+            for m in range(3):
+                x[m] -= 2.0 * distance * normal[m]
+            if nearest(end, x, normal)[0] >= 0.0:
+                break
+        total = _parents(grid, b, x, 3, before, parent[g], weight[g])
+        for m in range(8):
+            weight[g, m] = weight[g, m] / total if total > 0.0 else 0.0
+
+
+@njit(cache=True)
+def _parents(grid, b, x, axis, before, parent, weight):
+    """Write the 8 faces of a component (3: cells) around x and their linear weights, 0 for those not before a wall.
+
+    Returns the sum of weights.
+    """
+    total = 0.0
+    low, part = np.empty(3, np.int64), np.empty(3)
+    for k in range(3):
+        at = (x[k] - grid.origin[k]) / grid.spacing - SIDE * grid.place[b, k] - (0.0 if k == axis else 0.5)
+        low[k] = np.int64(np.floor(at + 1e-9))
+        part[k] = max(at - low[k], 0.0)
+    for n in range(8):
+        w, block, cell, within = 1.0, 13, 0, True
+        for k in range(3):
+            up = n >> (2 - k) & 1
+            at = low[k] + up
+            w *= part[k] if up else 1.0 - part[k]
+            apart, stride = (9, 16) if k == 0 else (3, 4) if k == 1 else (1, 1)
+            within = within and -SIDE <= at < 2 * SIDE
+            block += apart * (at // SIDE)
+            cell += stride * (at % SIDE)
+        if w < 1e-9 or not within or grid.near[b, block] < 0:
+            continue
+        node = ((axis % 3) * len(grid.place) + grid.near[b, block]) * CELLS + cell
+        if before[node]:
+            parent[n], weight[n] = node, w
+            total += w
+    return total
+
+
+@njit(cache=True, parallel=True)
+def push_out(grid, near, begin, end, h, x, velocity):
+    """Move particles that are inside solids at the end of a step of h [s] to their surface, and let them go no deeper.
+
+    `near` [B] flags the blocks of the grid, by which x [P, 3] [m] are sorted as of before they moved.
+    """
+    for t in prange(len(grid.turn)):
+        b = grid.turn[t]
+        if not near[b]:
+            continue
+        normal, wall = np.empty(3), np.empty(3)
+        for p in range(grid.start[b], grid.start[b + 1]):
+            distance, o = nearest(end, x[p], normal)
+            if distance < 0.0:
+                velocity_of(begin, end, o, x[p], h, wall)
+                inward = 0.0
+                for k in range(3):
+                    x[p, k] -= distance * normal[k]
+                    inward += (velocity[p, k] - wall[k]) * normal[k]
+                if inward < 0.0:
+                    for k in range(3):
+                        velocity[p, k] -= inward * normal[k]

@@ -1,0 +1,247 @@
+"""One step of a bulk liquid: particles to a staggered grid and back (Fei 2019, algorithm 2, the liquid's part).
+
+Shear stress comes first, then pressure, each implicit where settings do not say otherwise. What is absent costs nothing: a
+liquid without elastic strain keeps none, one that is incompressible knows no volume, and viscosity that diffuses by less than
+`DIFFUSES` of a cell in a step is taken along by the transfer.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.arrays import Floats
+from engine.geometry.solids import Solids
+from engine.liquid import evolve
+from engine.liquid.grid import Grid, sorted_grid, taken
+from engine.liquid.model import LiquidModel, LiquidState
+from engine.liquid.pressure import Wet, accelerate, air_pressure, divergence, pressure, spread_outwards, wet_cells
+from engine.liquid.settings import LiquidSettings
+from engine.liquid.shear import add_to_cells, shear_solve
+from engine.liquid.surface import deep, depths
+from engine.liquid.surface import volume as volume_of
+from engine.liquid.transfer import to_grid, to_particles
+from engine.liquid.walls import Walls, fold, open_space, push_out, reflect, walls
+from engine.steppers.step_report import StepReport, Stopwatch
+
+DIFFUSES = 0.05  # viscosity h / (density spacing^2), below which an explicit step is as good
+SPREAD = 0.5  # of what particles are too dense or too sparse, that a step mends
+SPREAD_TOLERANCE, SPREAD_LIMIT = 1e-2, 0.1  # of its linear solve; spacings that it moves a particle by, at most
+
+
+@dataclass
+class Flow:
+    """The liquid on the grid, within one step."""
+
+    grid: Grid
+    walls: Walls
+    mass: Floats  # of faces [kg], shape [3, B, 64]
+    u: Floats  # of faces [m/s], shape [3, B, 64]
+    filled: Floats  # share of cells, shape [B, 64]
+    depth: Floats  # of cell centres below the surface [spacings], shape [B, 64]
+    compression: Floats  # of cells, shape [B, 64]; [0, 64] where nothing is compressed
+
+
+class LiquidStepper:
+    """Advances a liquid, one step at a time."""
+
+    def __init__(self, model: LiquidModel, gravity: Floats, settings: LiquidSettings | None = None):
+        """Keep what does not change between steps; `gravity` [3] in m/s^2."""
+        self.model, self.settings = model, settings or LiquidSettings()
+        self.gravity = np.asarray(gravity, np.float64)
+        self.flow: Flow | None = None  # of the last step
+        self.pressure = np.zeros(0)  # of wet cells in the last step [Pa]
+        self.wet: Wet | None = None
+
+    def step(self, state: LiquidState, h: float, begin: Solids | None = None, end: Solids | None = None) -> StepReport:
+        """Advance `state` by `h` [s], in which solids move from `begin` to `end`; a rejected step only reorders particles."""
+        report, watch, model, settings = StepReport(), Stopwatch(), self.model, self.settings
+        if not len(state.x):
+            report.accepted, report.residual = True, 0.0
+            return report
+        grid = self._sort(state)
+        watch.lap("sort")
+        flow = self._to_grid(grid, state, h, begin, end)
+        watch.lap("to grid")
+        if not self._shear(flow, state, h, report):
+            return report
+        watch.lap("shear")
+        wet = self._wet_cells(flow, h)
+        p, solved = self._pressure(flow, wet, h, report)
+        if not report.reason:
+            known = spread_outwards(grid, flow.mass, solved, flow.u)
+            reflect(flow.walls.mirror, flow.u)
+            fastest = float(np.abs(flow.u[known]).max(initial=0.0))
+            if fastest * h > settings.courant * model.spacing:
+                report.reason = f"Courant number {fastest * h / model.spacing:.3g}, above {settings.courant:g}"
+        watch.lap("pressure")
+        if report.reason:
+            return report
+        by = self._spread(flow, wet, h)
+        watch.lap("spread")
+        self._to_particles(flow, wet, state, h, begin, end, by)
+        watch.lap("to particles")
+        self.flow, self.wet, self.pressure = flow, wet, p
+        report.stages, report.accepted = watch.laps, True
+        return report
+
+    def _sort(self, state: LiquidState) -> Grid:
+        """Take particles in the order of the grid that they lie on."""
+        grid, order = sorted_grid(self.model, state.x)
+        for name, values in vars(state).items():
+            if values is not None and name not in ("emitted", "drained"):
+                setattr(state, name, taken(values, order))
+        return grid
+
+    def _to_grid(self, grid: Grid, state: LiquidState, h: float, begin: Solids | None, end: Solids | None) -> Flow:
+        """Map particles to the grid (item 3), with what explicit stress does to them."""
+        model = self.model
+        mass, u, filled = grid.faces(), grid.faces(), grid.cells()
+        moment = (model.density * state.volume)[:, None, None] * state.affine
+        self._add_explicit_stress(state, h, moment)
+        to_grid(grid, state.x, state.velocity, moment, state.volume, model.density, mass, u, filled)
+        np.divide(u, mass, out=u, where=mass > 0.0)
+        found = open_space(grid) if end is None or begin is None else walls(grid, begin, end, h, model.no_slip, mass)
+        fold(found.cell_mirror, filled)
+        compression = np.zeros((0, 64))
+        if state.compression is not None:
+            present = grid.cells()
+            add_to_cells(grid, state.x, state.volume * state.compression / model.spacing**3, present)
+            fold(found.cell_mirror, present)
+            compression = np.divide(present, filled, out=np.ones_like(filled), where=filled > 1e-9)
+            filled = present
+        depth = np.empty_like(filled)
+        depths(filled, depth)
+        return Flow(grid, found, mass, u, filled, depth, compression)
+
+    def _add_explicit_stress(self, state: LiquidState, h: float, moment: Floats) -> None:
+        """Add to particles' moments what shear stress at the start of the step gives (eq. 14.7), where it is explicit."""
+        model = self.model
+        if self._shear_is_implicit(h):
+            return
+        factor = 4.0 * h / model.spacing**2 * state.volume
+        if model.elastic:
+            assert state.strain is not None
+            mean = state.strain[:, :3].mean(axis=1)
+            s = model.shear_modulus * (state.strain - np.outer(mean, [1, 1, 1, 0, 0, 0]))
+            for row, column, entry in ((0, 0, 0), (1, 1, 1), (2, 2, 2), (1, 2, 3), (0, 2, 4), (0, 1, 5)):
+                moment[:, row, column] -= factor * s[:, entry]
+                if row != column:
+                    moment[:, column, row] -= factor * s[:, entry]
+        elif model.consistency > 0.0:
+            rate = 0.5 * (state.affine + state.affine.transpose(0, 2, 1))
+            mean = np.trace(rate, axis1=1, axis2=2) / 3.0
+            rate -= mean[:, None, None] * np.eye(3)
+            moment -= (factor * model.consistency)[:, None, None] * rate
+
+    def _shear_is_implicit(self, h: float) -> bool:
+        model = self.model
+        if model.elastic:
+            return self.settings.shear == "implicit"
+        return 0.5 * model.consistency * h > DIFFUSES * model.density * model.spacing**2
+
+    def _shear(self, flow: Flow, state: LiquidState, h: float, report: StepReport) -> bool:
+        """Let gravity and, where it is implicit, shear stress act (eq. 14.6); False where that does not converge."""
+        free = flow.u + (h * self.gravity)[:, None, None] * (flow.mass > 0.0)
+        if not self._shear_is_implicit(h):
+            flow.u, report.residual = free, 0.0
+            return True
+        sheared = shear_solve(flow.grid, self.model, self.settings, state.x, state.volume, state.strain, flow.walls.mirror,
+                              flow.mass, flow.u, free, h)
+        report.newton_iterations, report.linear_iterations = sheared.newton, sheared.linear
+        report.residual, flow.u = sheared.residual, sheared.u
+        if not sheared.converged:
+            report.reason = f"shear did not converge: {sheared.residual:.2g} left of it after {sheared.newton} iterations"
+        return sheared.converged
+
+    def _wet_cells(self, flow: Flow, h: float) -> Wet:
+        model, grid = self.model, flow.grid
+        conductance = np.full_like(flow.mass, h / (model.density * model.spacing**2))
+        compliance = np.zeros_like(flow.filled)
+        if not model.incompressible:
+            compliance = 1.0 / (h * 0.5 * model.bulk_modulus * (flow.compression + 1.0 / flow.compression))
+        return wet_cells(grid, flow.filled, flow.depth, flow.walls.open, conductance, compliance, model.period)
+
+    def _pressure(self, flow: Flow, wet: Wet, h: float, report: StepReport) -> tuple[Floats, np.ndarray]:
+        """Solve for the pressure and let it act (eq. 14.31); returns it [N] [Pa] and which faces it acted on."""
+        model, settings = self.model, self.settings
+        air = air_pressure(wet, flow.depth, model.surface_tension, flow.grid)
+        if model.incompressible or settings.pressure == "implicit":
+            load = np.empty(len(wet.cell))
+            divergence(flow.grid, flow.u, flow.walls.open, flow.walls.speed, wet.cell, load)
+            load *= -1.0
+            if not model.incompressible:
+                load += self._pressure_of_compression(flow, wet) / (h * self._stiffness(flow, wet))
+            if model.surface_tension > 0.0:
+                load += self._from_air(wet, air)
+            p, how = pressure(wet, load, settings.pressure_tolerance, settings.max_linear)
+            report.linear_iterations += how.iterations
+            report.residual = max(report.residual, how.residual)
+            if how.residual > settings.pressure_tolerance:
+                report.reason = f"pressure did not converge: {how.residual:.2g} left of it after {how.iterations} iterations"
+        else:
+            p = self._pressure_of_compression(flow, wet)
+        return p, accelerate(flow.grid, wet.row, p, air, flow.depth, flow.walls.open, h / model.density, flow.u)
+
+    def _pressure_of_compression(self, flow: Flow, wet: Wet) -> Floats:
+        """Return the pressure of wet cells [N] [Pa] before the step (eq. 13.8 with eq. 13.4)."""
+        volume = flow.compression.reshape(-1)[wet.cell]
+        return -0.5 * self.model.bulk_modulus * (volume - 1.0 / volume)
+
+    def _stiffness(self, flow: Flow, wet: Wet) -> Floats:
+        volume = flow.compression.reshape(-1)[wet.cell]
+        return 0.5 * self.model.bulk_modulus * (volume + 1.0 / volume)
+
+    @staticmethod
+    def _from_air(wet: Wet, air: Floats) -> Floats:
+        """Return what a pressure of the air [N] [Pa] adds to the load: its conductances are what diagonals have beyond rows."""
+        system = wet.system
+        inner = system.coupling.sum(axis=1)
+        for axis in range(3):
+            before = system.beside[:, 2 * axis]
+            inner += np.where(before >= 0, system.coupling[before, axis], 0.0)
+        return (system.diagonal - inner) * air
+
+    def _spread(self, flow: Flow, wet: Wet, h: float) -> Floats:
+        """Return displacements of faces [m] that spread particles evenly again: volume is kept beyond any one step.
+
+        They are the gradient of a potential, found like the pressure, and have nothing to do with velocities.
+        """
+        model = self.model
+        if not model.incompressible:
+            return np.zeros((3, 0, 64))
+        _, twice = deep(flow.grid, flow.filled, flow.walls.distance)
+        excess = flow.filled - 1.0
+        wrong = np.where(twice, excess, np.maximum(excess, 0.0)).reshape(-1)[wet.cell]
+        q, _ = pressure(wet, SPREAD * wrong, SPREAD_TOLERANCE, self.settings.max_linear)
+        by = flow.grid.faces()
+        moved = accelerate(flow.grid, wet.row, q, np.zeros(len(q)), flow.depth, flow.walls.open, h / model.density, by)
+        spread_outwards(flow.grid, flow.mass, moved, by)
+        limit = SPREAD_LIMIT * model.spacing
+        return np.clip(by, -limit, limit)
+
+    def _to_particles(
+        self, flow: Flow, wet: Wet, state: LiquidState, h: float, begin: Solids | None, end: Solids | None, by: Floats
+    ) -> None:
+        """Map velocities back, strain particles and move them (items 7 to 12)."""
+        model, grid = self.model, flow.grid
+        to_particles(grid, state.x, flow.u, state.velocity, state.affine)
+        if state.compression is not None:
+            rate, wets = grid.cells(), grid.cells()
+            found = np.empty(len(wet.cell))
+            divergence(grid, flow.u, flow.walls.open, flow.walls.speed, wet.cell, found)
+            rate.reshape(-1)[wet.cell], wets.reshape(-1)[wet.cell] = found, 1.0
+            evolve.swell(grid, state.x, rate, wets, h, state.compression)
+        if model.elastic:
+            evolve.flow(state.affine, h, model.shear_modulus, np.sqrt(2.0 / 3.0) * model.yield_stress, model.consistency,
+                        model.flow_index, model.recovery_rate, self.settings.plastic_flow == "implicit", state.strain,
+                        state.plastic_strain)
+            if state.compression is not None and np.isfinite(model.tearing_strain):
+                evolve.tear(state.plastic_strain, model.tearing_strain, state.compression)
+        moved = state.x.copy() if by.shape[1] else state.x
+        evolve.move(moved, state.velocity, h)
+        if by.shape[1]:
+            evolve.shift(grid, state.x, by, moved)
+            state.x = moved
+        if begin is not None and end is not None:
+            push_out(grid, flow.walls.near, begin, end, h, state.x, state.velocity)
+        evolve.wrap(state.x, model.origin, model.spacing * model.period)
