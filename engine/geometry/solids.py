@@ -35,17 +35,22 @@ def distance_to(solids, o, x, normal):
 
 def inside(solids: Solids, x: Floats) -> Flags:
     """Return which places x [n, 3] [m] are in one of the solids, shape [n]."""
-    found = np.zeros(len(x), np.bool_)
-    _mark_inside(solids, x, found)
-    return found
+    return ~clear_of(solids, x, 0.0)
+
+
+def clear_of(solids: Solids, x: Floats, reach: float) -> Flags:
+    """Return which places x [n, 3] [m] are no nearer than `reach` [m] to any of the solids, shape [n]."""
+    clear = np.ones(len(x), np.bool_)
+    _mark_near(solids, x, reach, clear)
+    return clear
 
 
 @njit(cache=True)
-def _mark_inside(solids, x, found):
+def _mark_near(solids, x, reach, clear):
     normal = np.empty(3)
     for p in range(len(x)):
         for o in range(len(solids.kind)):
-            found[p] |= distance_to(solids, o, x[p], normal) < 0.0
+            clear[p] &= distance_to(solids, o, x[p], normal) >= reach
 
 
 def moved_along(begin: Solids, end: Solids, o: int, x: Floats) -> Floats:

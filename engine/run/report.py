@@ -31,7 +31,7 @@ def make_report(
 
 def _counts(statistics: Statistics, applies: set[str]) -> dict[str, int]:
     """Node counts: what never changes by its name, what does as the largest; contacts that began and ended in all."""
-    changing = {"eol_inter", "eil", "contacts", "collisions"}
+    changing = {"eol_inter", "eil", "contacts", "collisions", "particles", "grid_cells"}
     counts = {f"{name}_max" if name in changing else name: count for name, count in statistics.counts.items()}
     return counts | {name: getattr(statistics, name) for name in ("contacts_added", "contacts_removed") if name in applies}
 
@@ -68,6 +68,8 @@ def _error(statistics: Statistics, applies: set[str]) -> dict:
         error["momentum_drift"] = statistics.momentum_change / statistics.momentum_scale
     if statistics.energy_scale > 0:
         error["energy_drift"] = statistics.energy_change / statistics.energy_scale
+    if statistics.volume_start is not None:
+        error["volume_drift"] = statistics.volume_change
     if statistics.step_errors or statistics.failed_samples:
         # per field: how far one step is from two half steps, in the largest norm and the field's unit
         error["step_error"] = {name: _median_and_max(errors) for name, errors in statistics.step_errors.items()}

@@ -50,6 +50,10 @@ def assemble(scene: "Scene") -> Simulated:
         from engine.run.strands import StrandsInMotion
 
         return StrandsInMotion(scene)
+    if scene.liquid is not None:
+        from engine.run.liquid import LiquidInMotion
+
+        return LiquidInMotion(scene)
     from engine.run.yarns import YarnsInMotion
 
     return YarnsInMotion(scene)

@@ -19,6 +19,7 @@ class Invariants:
     momentum_scale: float = 0.0  # sum of the magnitudes of what adds up to the momentum [kg m/s]
     kinetic_energy: float | None = None  # [J]
     potential_energy: float | None = None  # [J]
+    volume: float | None = None  # that liquid takes up, over that of its particles
 
 
 def kept(momentum: Floats | None, impulse: Floats, mass: float, energies: dict[str, float], energy_kept: bool) -> Invariants:
@@ -61,6 +62,8 @@ class Statistics:
     energy_start: list[float] | None = None  # kinetic, potential [J]
     energy_scale: float = 0.0
     energy_change: float = 0.0
+    volume_start: float | None = None
+    volume_change: float = 0.0
     step_errors: dict[str, list[float]] = field(default_factory=dict)  # of the sampled steps, by field
     failed_samples: int = 0  # sampled steps one of whose halves was rejected
 
@@ -104,6 +107,11 @@ class Statistics:
             self.energy_change = max(self.energy_change, abs(kinetic - self.energy_start[0] + potential_change))
             # potential energy has no zero of its own: what was exchanged is the scale of what was lost
             self.energy_scale = max(self.energy_scale, kinetic, abs(potential_change))
+
+        if invariants.volume is not None:
+            if self.volume_start is None:
+                self.volume_start = invariants.volume
+            self.volume_change = max(self.volume_change, abs(invariants.volume / self.volume_start - 1.0))
 
     def sampled(self, errors: dict[str, float] | None) -> None:
         """Add the estimated errors of a sampled step by field, None where its halves were rejected."""

@@ -14,6 +14,7 @@ from engine.geometry.solids import Solids
 from engine.liquid import evolve
 from engine.liquid.grid import Grid, sorted_grid, taken
 from engine.liquid.model import LiquidModel, LiquidState
+from engine.liquid.observe import of_cells
 from engine.liquid.pressure import Wet, accelerate, air_pressure, divergence, pressure, spread_outwards, wet_cells
 from engine.liquid.settings import LiquidSettings
 from engine.liquid.shear import add_to_cells, shear_solve
@@ -49,14 +50,19 @@ class LiquidStepper:
         self.model, self.settings = model, settings or LiquidSettings()
         self.gravity = np.asarray(gravity, np.float64)
         self.flow: Flow | None = None  # of the last step
-        self.pressure = np.zeros(0)  # of wet cells in the last step [Pa]
         self.wet: Wet | None = None
+        self.pressure = np.zeros(0)  # of wet cells in the last step [Pa]
+        self.particle_pressure = np.zeros(0, np.float32)  # [Pa], shape [P]
+        self.order = np.zeros(0, np.int64)  # which particle before the last step each one was, shape [P]
 
     def step(self, state: LiquidState, h: float, begin: Solids | None = None, end: Solids | None = None) -> StepReport:
         """Advance `state` by `h` [s], in which solids move from `begin` to `end`; a rejected step only reorders particles."""
         report, watch, model, settings = StepReport(), Stopwatch(), self.model, self.settings
+        report.residual = 0.0
         if not len(state.x):
-            report.accepted, report.residual = True, 0.0
+            self.order, self.particle_pressure, report.accepted = np.zeros(0, np.int64), np.zeros(0, np.float32), True
+            return report
+        if not self._is_slow_enough(float(np.abs(state.velocity).max()), h, report):
             return report
         grid = self._sort(state)
         watch.lap("sort")
@@ -71,22 +77,34 @@ class LiquidStepper:
             known = spread_outwards(grid, flow.mass, solved, flow.u)
             reflect(flow.walls.mirror, flow.u)
             fastest = float(np.abs(flow.u[known]).max(initial=0.0))
-            if fastest * h > settings.courant * model.spacing:
-                report.reason = f"Courant number {fastest * h / model.spacing:.3g}, above {settings.courant:g}"
+            self._is_slow_enough(fastest, h, report)
         watch.lap("pressure")
         if report.reason:
             return report
         by = self._spread(flow, wet, h)
         watch.lap("spread")
-        self._to_particles(flow, wet, state, h, begin, end, by)
+        self._to_particles(flow, wet, p, state, h, begin, end, by)
         watch.lap("to particles")
         self.flow, self.wet, self.pressure = flow, wet, p
         report.stages, report.accepted = watch.laps, True
         return report
 
+    def volume(self, state: LiquidState, begin: Solids | None = None, end: Solids | None = None) -> float:
+        """Return the volume [m^3] that a liquid takes up among solids that stand still."""
+        flow = self._to_grid(self._sort(state), state, 1.0, begin, end)  # the step is that of velocities, which do not matter
+        return volume_of(flow.grid, flow.filled, flow.walls.distance)
+
+    def _is_slow_enough(self, fastest: float, h: float, report: StepReport) -> bool:
+        """Say so in the report where a speed [m/s] is beyond the largest Courant number."""
+        courant = fastest * h / self.model.spacing
+        if courant > self.settings.courant:
+            report.reason = f"Courant number {courant:.3g}, above {self.settings.courant:g}"
+        return courant <= self.settings.courant
+
     def _sort(self, state: LiquidState) -> Grid:
         """Take particles in the order of the grid that they lie on."""
         grid, order = sorted_grid(self.model, state.x)
+        self.order = order
         for name, values in vars(state).items():
             if values is not None and name not in ("emitted", "drained"):
                 setattr(state, name, taken(values, order))
@@ -220,11 +238,13 @@ class LiquidStepper:
         return np.clip(by, -limit, limit)
 
     def _to_particles(
-        self, flow: Flow, wet: Wet, state: LiquidState, h: float, begin: Solids | None, end: Solids | None, by: Floats
+        self, flow: Flow, wet: Wet, p: Floats, state: LiquidState, h: float, begin: Solids | None, end: Solids | None, by: Floats
     ) -> None:
         """Map velocities back, strain particles and move them (items 7 to 12)."""
         model, grid = self.model, flow.grid
         to_particles(grid, state.x, flow.u, state.velocity, state.affine)
+        self.particle_pressure = np.empty(len(state.x), np.float32)
+        of_cells(grid, state.x, wet.row, p, self.particle_pressure)
         if state.compression is not None:
             rate, wets = grid.cells(), grid.cells()
             found = np.empty(len(wet.cell))
