@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.arrays import Floats, Ints, Singles
+from engine.arrays import Flags, Floats, Ints, Singles
 from engine.run.files import hdf5_image, write_whole
 
 _FRAME_FILE = re.compile(r"\d{6,}\.h5")
@@ -47,14 +47,29 @@ class StrandFrame:
     contact_force: Singles  # sum of the magnitudes of the contact forces on a vertex [N], shape [V]
 
 
+@dataclass(frozen=True)
+class LiquidFrame:
+    """All liquid at one time: P particles, and their surface of N vertices and T triangles, 0 where nobody asked."""
+
+    positions: Singles  # [m], shape [P, 3]
+    radius: Singles  # of a ball of the particle's volume [m], shape [P]
+    speed: Singles  # [m/s], shape [P]
+    pressure: Singles  # [Pa], shape [P]
+    shear: Singles  # magnitude of the shear stress [Pa], shape [P]
+    yielded: Flags  # whether it flows, shape [P]
+    surface_vertices: Singles  # [m], shape [N, 3]
+    surface_faces: NDArray[np.int32]  # counter-clockwise seen from outside, shape [T, 3]
+
+
 class Components(TypedDict, total=False):
     """What a scene has at one time; components that it lacks are not there."""
 
     yarns: YarnFrame
     strands: StrandFrame
+    liquid: LiquidFrame
 
 
-_COMPONENTS = {"yarns": YarnFrame, "strands": StrandFrame}  # by their names in files
+_COMPONENTS = {"yarns": YarnFrame, "strands": StrandFrame, "liquid": LiquidFrame}  # by their names in files
 
 
 @dataclass(frozen=True)
@@ -66,6 +81,7 @@ class Frame:
     step: int  # accepted steps so far
     yarns: YarnFrame | None = None
     strands: StrandFrame | None = None
+    liquid: LiquidFrame | None = None
     series: dict[str, float] = field(default_factory=dict)  # one value per frame: dt, residual, energies, counts, ...
 
 

@@ -330,6 +330,8 @@ class Output(Part):
     """Write the recording that the Rerun viewer plays."""
     checkpoint_every: Count = 10
     """Frames from one checkpoint to the next."""
+    surface: bool = False
+    """Write a mesh of the liquid's surface into every frame."""
     error_estimate: bool = False
     """Repeat sampled steps as two half steps and report the difference."""
 
