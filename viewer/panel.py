@@ -155,7 +155,8 @@ def solver_html(frame: Frame) -> str:
     said = {
         "step": (f"{1e3 * series.get('dt', 0.0):.3g} ms", "dt"),
         "Newton iterations": (f"{series.get('newton_iterations', 0.0):.0f}", "newton_iterations"),
-        "of conjugate gradients": (f"{series.get('linear_iterations', 0.0):.0f}", "linear_iterations"),
+        "of conjugate gradients" if frame.liquid is None else "iterations for pressure":
+            (f"{series.get('linear_iterations', 0.0):.0f}", "linear_iterations"),
         "residual, of the force scale": (f"{series.get('residual', 0.0):.2g}", "residual"),
         "particles": (f"{series.get('particles', 0.0):,.0f}", "particles"),
         "contacts": (f"{series.get('contacts', 0.0):,.0f}", "contacts"),
@@ -170,6 +171,7 @@ def solver_html(frame: Frame) -> str:
 def legend_html(frame: Frame, paint: Paint) -> str:
     """Return the key to the colours of a frame."""
     if frame.liquid is not None:
+        paint = layers.paint_among(layers.LIQUID_PAINTS, paint)
         return liquid_legend(paint, layers.paint_limit(frame.liquid, paint))
     if frame.strands is None:
         return yarn_legend(paint)
