@@ -42,7 +42,8 @@ def particles(model: LiquidModel, x, volume=(SPACING / 2) ** 3, velocity=0.0) ->
 
 def planes(*sides) -> Solids:
     """Solids behind planes, each given by a point and a normal that points away from the solid."""
-    centre, rotation = np.array([point for point, _ in sides], float), np.empty((len(sides), 3, 3))
+    centre = np.array([point for point, _ in sides], float).reshape(-1, 3)
+    rotation = np.empty((len(sides), 3, 3))
     for o, (_, normal) in enumerate(sides):
         n = np.array(normal, float) / np.linalg.norm(normal)
         along = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
