@@ -12,16 +12,22 @@ from numpy.typing import NDArray
 
 from engine.contact.obstacles import ObstacleKind
 from engine.geometry.solids import Solids
-from engine.run.frames import Frame, StrandFrame, YarnFrame
+from engine.run.frames import Frame, LiquidFrame, StrandFrame, YarnFrame
 from engine.yarns.model import NodeState
 from viewer import curves
 from viewer.detail import line_yarns
-from viewer.scales import SCALES, colours_of, limit_of
+from viewer.scales import SCALES, colours_of, in_words, limit_of
 from viewer.strand_detail import scattered, vertex_strands
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
-Paint = Literal["fabric", "group", "strain", "curvature", "force"]
+Paint = Literal[
+    "fabric", "group", "strain", "curvature", "force", "liquid", "speed", "pressure", "shear", "yielded"
+]
+# What colours can say of each, first what they say where nobody asks.
+YARN_PAINTS: tuple[Paint, ...] = ("fabric", "strain")
+STRAND_PAINTS: tuple[Paint, ...] = ("group", "strain", "curvature", "force")
+LIQUID_PAINTS: tuple[Paint, ...] = ("liquid", "speed", "pressure", "shear", "yielded")
 
 # Fabrics from the bottom of a stack up, green lowest as in Sánchez-Banderas 2020, Figs. 1 and 7. The hues are Okabe and
 # Ito's, told apart by all common kinds of colour vision, lightened where shading would turn them muddy.
@@ -37,6 +43,10 @@ GROUP_COLOURS = np.array(
     [(146, 92, 58), (66, 140, 214), (240, 166, 20), (0, 150, 106), (204, 121, 167), (213, 106, 40), (230, 220, 110)], np.uint8
 )
 DARKEST = 0.6
+
+LIQUID_COLOUR = (72, 142, 200)
+YIELD_COLOURS = np.array([(132, 142, 156), (236, 150, 36)], np.uint8)
+YIELD_LABELS = ("not yielded: elastic", "yielded: flows")
 
 # Node colours of the paper's Fig. 1; Lagrangian nodes, which it does not draw, are blue.
 NODE_COLOURS = {
@@ -116,7 +126,14 @@ def yarn_segments(yarns: YarnFrame, paint: Paint = "fabric", thickness: float = 
 
 def paints_of(frame: Frame) -> tuple[Paint, ...]:
     """Return what colours can say about a frame, first what they say where nobody asks."""
-    return ("fabric", "strain") if frame.strands is None else ("group", "strain", "curvature", "force")
+    said = ((frame.yarns, YARN_PAINTS), (frame.strands, STRAND_PAINTS), (frame.liquid, LIQUID_PAINTS))
+    there = [paint for part, paints in said if part is not None for paint in paints]
+    return tuple(dict.fromkeys(there)) or YARN_PAINTS
+
+
+def paint_among(paints: tuple[Paint, ...], paint: Paint | None) -> Paint:
+    """Return what colours say of a part of a frame of which they can say `paints`, where they should say `paint`."""
+    return paint if paint in paints else paints[0]
 
 
 def group_colours(group: NDArray[np.int64]) -> Bytes:
@@ -125,14 +142,23 @@ def group_colours(group: NDArray[np.int64]) -> Bytes:
     return (GROUP_COLOURS[group % len(GROUP_COLOURS)] * shade[:, None]).round().astype(np.uint8)
 
 
-def paint_values(strands: StrandFrame, paint: Paint) -> Floats:
-    """Return what a colour scale shows of the vertices of strands, shape [V]."""
-    return {"strain": strands.strain, "curvature": strands.curvature, "force": strands.contact_force}[paint]
+def paint_values(part: StrandFrame | LiquidFrame, paint: Paint) -> Floats:
+    """Return what a colour scale shows of the vertices of strands, shape [V], or of a liquid's particles, shape [P]."""
+    return getattr(part, "contact_force" if paint == "force" else paint)
 
 
-def paint_limit(strands: StrandFrame, paint: Paint) -> float:
-    """Return where the colours of a frame's strands end, in the unit of what they show; 1 where they show groups."""
-    return limit_of(paint_values(strands, paint), SCALES[paint]) if paint in SCALES else 1.0
+def paint_limit(part: StrandFrame | LiquidFrame, paint: Paint) -> float:
+    """Return where the colours of a frame's strands or liquid end, in the unit of what they show; 1 where that is no number."""
+    return limit_of(paint_values(part, paint), SCALES[paint]) if paint in SCALES else 1.0
+
+
+def colours_in_words(frame: Frame, paint: Paint | None) -> list[str]:
+    """Return what colours mean where a frame is painted by something that needs a key."""
+    if paint == "yielded" and frame.liquid is not None:
+        return ["yielded (orange) or not (grey)"]
+    said = ((frame.strands, STRAND_PAINTS), (frame.liquid, LIQUID_PAINTS))
+    return [in_words(SCALES[paint], paint_limit(part, paint)) for part, paints in said
+            if part is not None and paint in paints and paint in SCALES]
 
 
 def strand_segments(strands: StrandFrame, paint: Paint = "group", limit: float = 1.0, most: int = 0) -> Segments:
@@ -163,17 +189,33 @@ def node_points(yarns: YarnFrame) -> Points:
     )
 
 
+def liquid_points(liquid: LiquidFrame, paint: Paint = "liquid", limit: float = 1.0) -> Points:
+    """Return particles as balls of their volume.
+
+    `paint` chooses one colour for all, whether each has yielded, or a number on its scale, which ends at `limit`.
+    """
+    if paint in SCALES:
+        colours = colours_of(paint_values(liquid, paint), SCALES[paint], limit)
+    elif paint == "yielded":
+        colours = YIELD_COLOURS[liquid.yielded.astype(np.int64)]
+    else:
+        colours = np.tile(np.array(LIQUID_COLOUR, np.uint8), (len(liquid.positions), 1))
+    return Points(liquid.positions, colours, liquid.radius)
+
+
 def scene_bounds(frame: Frame, obstacles: Solids) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lowest and highest corner of the box that a view should show [m]; `obstacles` as they stand then.
 
-    It holds yarns and strands and, of obstacles that are no larger than a few times these, what is solid of them: a plane
-    has no size, and a wall around the scene would leave the yarns a speck.
+    It holds yarns, strands and liquid and, of obstacles that are no larger than a few times these, what is solid of them: a plane
+    has no size, and a wall around the scene would leave what moves a speck.
     """
     boxes = []
     if frame.yarns is not None and len(frame.yarns.line_positions):
         boxes.append(_box(frame.yarns.line_positions, frame.yarns.radius))
     if frame.strands is not None and len(frame.strands.positions):
         boxes.append(_box(frame.strands.positions, frame.strands.radius))
+    if frame.liquid is not None and len(frame.liquid.positions):
+        boxes.append(_box(frame.liquid.positions, frame.liquid.radius))
     reach = OBSTACLE_REACH * np.linalg.norm(boxes[0][1] - boxes[0][0]) if boxes else np.inf
     for kind, centre, rotation, size in zip(
         obstacles.kind, obstacles.centre, obstacles.rotation, obstacles.size, strict=True
@@ -197,5 +239,5 @@ def viewpoint(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDAr
 
 
 def _box(positions: NDArray[np.floating], radius: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lowest and highest corner of the box around round lines [m]."""
+    """Return the lowest and highest corner of the box around round lines or balls [m]."""
     return positions.min(axis=0) - radius.max(), positions.max(axis=0) + radius.max()

@@ -20,11 +20,14 @@ from viewer.timeline import Timeline
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "4": 4.0}
 PAINTS: dict[str, Paint] = {
     "fabric": "fabric", "group": "group", "stretch strain": "strain", "curvature": "curvature", "contact force": "force",
+    "liquid": "liquid", "speed": "speed", "pressure": "pressure", "shear stress": "shear", "yielding": "yielded",
 }
 YARN_PAINTS = ("fabric", "stretch strain")  # offered before there is a frame
 LEVELS: dict[str, Level] = {level: level for level in get_args(Level)}
 YARNS_HINT = "at their real radius, over and under each other"
 STRANDS_HINT = "where they are; at their real radius where that can be seen, or a region or everything is shown"
+LIQUID_HINT = "particles as balls of their volume, or the surface"
+SURFACE_HINT = "in place of the particles, where colours say nothing of these"
 NO_JOB = "none"
 BRAND = (64, 92, 122)
 
@@ -49,9 +52,13 @@ PLOTS = {
     "Widest gap, log10": (Curve("contact_gap", "of EIL contacts, in radii", "#cc79a7", logarithmic=True),),
     "Contacts of strands": (Curve("contacts", "at the end of a step", "#d7302a"),),
     "Deepest overlap, log10": (Curve("contact_gap", "in radii", "#cc79a7", logarithmic=True),),
+    "Iterations for pressure": (Curve("linear_iterations", "last step", "#2662d9"),),
+    "Particles": (Curve("particles", "at the end of a step", "#4089c4"),),
 }
-OF_YARNS = {"Contacts", "Widest gap, log10"}  # plots that make sense for one of them only
-OF_STRANDS = {"Contacts of strands", "Deepest overlap, log10"}
+OF_NEWTON = {"Newton residual, log10", "Newton iterations"}
+OF_YARNS = OF_NEWTON | {"Contacts", "Widest gap, log10"}  # plots that make sense for one of them only
+OF_STRANDS = OF_NEWTON | {"Contacts of strands", "Deepest overlap, log10"}
+OF_LIQUIDS = {"Iterations for pressure", "Particles"}
 
 
 class Panel:
@@ -71,11 +78,12 @@ class Panel:
         with tabs.add_tab("Show"):
             self.lines = gui.add_checkbox("Yarns", True, hint=YARNS_HINT)
             self.nodes = gui.add_checkbox("Nodes", False, hint="on thin yarns, both where they are computed")
+            self.surface = gui.add_checkbox("Surface", True, hint=SURFACE_HINT, visible=False)
             self.obstacles = gui.add_checkbox("Obstacles", True)
             self.paint = gui.add_dropdown("Colour by", YARN_PAINTS, initial_value="fabric")
             self.level = gui.add_dropdown("Detail", tuple(LEVELS), initial_value="auto", hint=(
-                "auto: large cloth as a coarser one of the same weave, of many strands some; fine: less so, for a graphics "
-                "card; region: what is near the middle of the picture as it is, to zoom in on; full: everything, slow"
+                "auto: large cloth as a coarser one of the same weave, of many strands or particles some; fine: less so, for a "
+                "graphics card; region: what is near the middle of the picture as it is, to zoom in on; full: everything, slow"
             ))
             self.drawn = gui.add_html("")
             self.legend = gui.add_html(yarn_legend("fabric"))
@@ -83,25 +91,27 @@ class Panel:
         with tabs.add_tab("Solver"):
             self.solver = gui.add_html("")
             self._plots = {title: _plot(gui, title, curves) for title, curves in PLOTS.items()}
-        for title in OF_STRANDS:
-            self._plots[title].visible = False
+        self._show_plots(OF_YARNS)
 
     def shown(self, focus: tuple[float, float, float]) -> Shown:
         """Return what the visitor wants to see; `focus` is the middle of a region [m]."""
         paint, level = PAINTS[self.paint.value], LEVELS[self.level.value]
         nodes = self.nodes.value and self.nodes.visible
-        return Shown(self.lines.value, nodes, self.obstacles.value, paint, level, focus)
+        return Shown(self.lines.value, nodes, self.obstacles.value, paint, level, focus, self.surface.value)
 
     def offer(self, frame: Frame) -> None:
         """Offer what there is to see of such frames; the colours chosen stay chosen where they say something of them."""
-        strands = frame.strands is not None
-        self.lines.label, self.lines.hint = ("Strands", STRANDS_HINT) if strands else ("Yarns", YARNS_HINT)
-        self.nodes.visible = not strands
+        self.lines.label, self.lines.hint, plots = (
+            ("Liquid", LIQUID_HINT, OF_LIQUIDS) if frame.liquid is not None
+            else ("Strands", STRANDS_HINT, OF_STRANDS) if frame.strands is not None
+            else ("Yarns", YARNS_HINT, OF_YARNS)
+        )
+        self.nodes.visible = frame.strands is None and frame.liquid is None
+        self.surface.visible = frame.liquid is not None and len(frame.liquid.surface_faces) > 0
         options = tuple(label for label, paint in PAINTS.items() if paint in layers.paints_of(frame))
         if self.paint.options != options:
             self.paint.options = options
-        for title, plot in self._plots.items():
-            plot.visible = title not in (OF_YARNS if strands else OF_STRANDS)
+        self._show_plots(plots)
 
     def set_jobs(self, ids: list[str]) -> None:
         """Offer these jobs, in this order; the chosen one stays chosen."""
@@ -129,6 +139,10 @@ class Panel:
             there = np.isfinite(values).any(axis=0)  # a plot of something that is not a number would be empty
             plot.data = (x[there], *(of_curve[there] for of_curve in values))
 
+    def _show_plots(self, titles: set[str]) -> None:
+        for title, plot in self._plots.items():
+            plot.visible = title in titles
+
 
 def drawn_html(statement: str) -> str:
     """Return what is drawn, as quiet text."""
@@ -141,8 +155,10 @@ def solver_html(frame: Frame) -> str:
     said = {
         "step": (f"{1e3 * series.get('dt', 0.0):.3g} ms", "dt"),
         "Newton iterations": (f"{series.get('newton_iterations', 0.0):.0f}", "newton_iterations"),
-        "of conjugate gradients": (f"{series.get('linear_iterations', 0.0):.0f}", "linear_iterations"),
+        "of conjugate gradients" if frame.liquid is None else "iterations for pressure":
+            (f"{series.get('linear_iterations', 0.0):.0f}", "linear_iterations"),
         "residual, of the force scale": (f"{series.get('residual', 0.0):.2g}", "residual"),
+        "particles": (f"{series.get('particles', 0.0):,.0f}", "particles"),
         "contacts": (f"{series.get('contacts', 0.0):,.0f}", "contacts"),
         "widest gap" if frame.strands is None else "deepest overlap":
             (f"{series.get('contact_gap', 0.0):.2g} radii", "contact_gap"),
@@ -154,6 +170,9 @@ def solver_html(frame: Frame) -> str:
 
 def legend_html(frame: Frame, paint: Paint) -> str:
     """Return the key to the colours of a frame."""
+    if frame.liquid is not None:
+        paint = layers.paint_among(layers.LIQUID_PAINTS, paint)
+        return liquid_legend(paint, layers.paint_limit(frame.liquid, paint))
     if frame.strands is None:
         return yarn_legend(paint)
     if paint == "force" and not frame.strands.contact_force.any():
@@ -163,11 +182,7 @@ def legend_html(frame: Frame, paint: Paint) -> str:
 
 def yarn_legend(paint: Paint) -> str:
     """Return the key to the colours of nodes, and of strain where yarns are painted by it."""
-    rows = [
-        f'<div><span style="display:inline-block;width:.8em;height:.8em;border-radius:50%;margin:0 .5em;'
-        f'border:1px solid #9aa0a6;background:{_css(layers.NODE_COLOURS[state])}"></span>{escape(label)}</div>'
-        for state, label in layers.NODE_LABELS.items()
-    ]
+    rows = [_dot(layers.NODE_COLOURS[state], label) for state, label in layers.NODE_LABELS.items()]
     if paint == "strain":
         rows.append(_bar(SCALES["strain"], layers.STRAIN_LIMIT))
     return _key(rows)
@@ -177,12 +192,33 @@ def strand_legend(paint: Paint, limit: float) -> str:
     """Return the key to the colours of strands, whose scale ends at `limit`."""
     if paint == "group":
         return _key(["<div>a colour for each group, each strand in a shade of its own</div>"])
-    scale = SCALES[paint]
-    return _key([_bar(scale, limit), f"<div>{escape(scale.label)}, with {WITHIN}% of the frame in this range</div>"])
+    return _numbers(SCALES[paint], limit)
+
+
+def liquid_legend(paint: Paint, limit: float) -> str:
+    """Return the key to the colours of liquid, whose scale ends at `limit`."""
+    if paint == "liquid":
+        return ""
+    if paint == "yielded":
+        return _key([_dot(tuple(colour), label) for colour, label in
+                     zip(layers.YIELD_COLOURS.tolist(), layers.YIELD_LABELS, strict=True)])
+    return _numbers(SCALES[paint], limit)
 
 
 def _key(rows: list[str]) -> str:
     return f'<div style="font-size:.8em;line-height:1.6;padding:.2em .4em">{"".join(rows)}</div>'
+
+
+def _numbers(scale: Scale, limit: float) -> str:
+    return _key([_bar(scale, limit), f"<div>{escape(scale.label)}, with {WITHIN}% of the frame in this range</div>"])
+
+
+def _dot(colour: tuple[int, ...], label: str) -> str:
+    """Return a row that says what a colour means."""
+    return (
+        f'<div><span style="display:inline-block;width:.8em;height:.8em;border-radius:50%;margin:0 .5em;'
+        f'border:1px solid #9aa0a6;background:{_css(colour)}"></span>{escape(label)}</div>'
+    )
 
 
 def _bar(scale: Scale, limit: float) -> str:

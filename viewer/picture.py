@@ -26,7 +26,6 @@ from viewer import layers
 from viewer.gate import Gate, guarding
 from viewer.jobs import Job
 from viewer.lay import layout_of
-from viewer.scales import SCALES, in_words
 from viewer.server import PrivateServer
 from viewer.stage import Shown, Stage
 
@@ -37,7 +36,7 @@ FLAGS = (
     "--hide-scrollbars"
 ).split()
 PREVIEW = 16  # renderings that only tell whether the page has come to rest are smaller by this factor
-PREVIEW_OF_STRANDS = 4  # by which strands do not vanish between the pixels
+PREVIEW_OF_FINE = 4  # by which strands and drops do not vanish between the pixels
 PAUSE = 0.25  # between two of them [s]
 FINER = 2  # the rendering is larger than the picture by this factor
 MARGIN = 1.04  # distance of the eye against that at which the scene touches the picture's border
@@ -87,16 +86,14 @@ def draw(job: Path, index: int, shown: Shown, view: View, size: tuple[int, int],
         stage = Stage(client)
         stage.frame_camera(low, high)
         said = [stage.draw(frame, layout_of(scene, built), shown)]
-        _settle(lambda: render(PREVIEW if frame.strands is None else PREVIEW_OF_STRANDS))
+        _settle(lambda: render(PREVIEW if frame.yarns is not None else PREVIEW_OF_FINE))
         stage.set_obstacles(built.obstacles, low, high)  # only now: they are there at once, and yarns would be missed
         stage.move_obstacles(built.obstacles, built.handles, frame.time)
         drawn = Image.fromarray(render(1))
     picture = Image.new("RGBA", drawn.size, (*BACKGROUND, 255))
     picture.alpha_composite(drawn)
     picture.convert("RGB").resize(size, Image.Resampling.LANCZOS).save(path)
-    if frame.strands is not None and shown.paint in SCALES:  # a picture has no key
-        said.append(in_words(SCALES[shown.paint], layers.paint_limit(frame.strands, shown.paint)))
-    return "; ".join(said)
+    return "; ".join(said + layers.colours_in_words(frame, shown.paint))  # a picture has no key
 
 
 def _settle(render: Callable[[], Floats]) -> None:

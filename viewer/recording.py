@@ -23,10 +23,10 @@ from rerun.components import LineStrip3DBatch
 
 from engine.arrays import Floats, Ints
 from engine.contact.obstacles import posed
-from engine.run.frames import Frame, StrandFrame, YarnFrame
+from engine.run.frames import Frame, LiquidFrame, StrandFrame, YarnFrame
 from engine.scene.build import build
 from engine.scene.schema import Scene
-from viewer import detail, layers, shapes, strand_detail
+from viewer import detail, layers, liquid_detail, shapes, strand_detail
 from viewer.lay import layout_of
 from viewer.layers import Paint
 from viewer.scales import SCALES, in_words
@@ -34,9 +34,11 @@ from viewer.spill import Spill
 
 TIMELINE = "simulated"  # time of the scene [s]
 CLOTH, NODES, OBSTACLES, SERIES = "cloth/yarns", "nodes", "obstacles", "series"
-STRANDS, PAINTED, KEY = "strands", "painted", "key"
-PAINTS: tuple[Paint, ...] = ("strain", "curvature", "force")
+STRANDS, LIQUID, SURFACE, PAINTED, KEY = "strands", "liquid", "surface", "painted", "key"
+PAINTS = layers.STRAND_PAINTS[1:]  # those that change from frame to frame
+LIQUID_PAINTS = layers.LIQUID_PAINTS[1:]
 PAINTED_SEGMENTS = 10_000  # each has a colour and so is a line of its own, for every paint: 1 MB a frame at most
+PAINTED_PARTICLES = 10_000  # with a place and a colour for every paint: 0.8 MB a frame
 PLOTS = {
     "Newton residual": ("residual",),
     "Iterations": ("newton_iterations", "linear_iterations"),
@@ -44,6 +46,9 @@ PLOTS = {
     "Energy [J]": ("kinetic_energy", "potential_energy"),
 }
 STRAND_PLOTS = PLOTS | {"Contacts": ("contacts",), "Overlap [radii]": ("contact_gap",)}
+LIQUID_PLOTS = {
+    "Iterations for pressure": ("linear_iterations",), "Particles": ("particles",), "Energy [J]": PLOTS["Energy [J]"],
+}
 NEARER = 0.65  # Rerun's eye sees a wider field than the live page's
 BACKGROUND = (238, 236, 232)
 log = logging.getLogger(__name__)
@@ -101,6 +106,8 @@ class Recorder:
             stream.log(f"{NODES}/points", rr.Points3D(points.points, colors=points.colours, radii=points.radii[:1]))
         if frame.strands is not None:
             log_strands(stream, frame.strands)
+        if frame.liquid is not None:
+            log_liquid(stream, frame.liquid)
         for key, value in frame.series.items():
             stream.log(f"{SERIES}/{key}", rr.Scalars(value))
         stream.flush()
@@ -117,7 +124,7 @@ class Recorder:
         identity = uuid.uuid5(uuid.NAMESPACE_URL, f"{self._path.absolute()} {self._scene.model_dump_json()}")
         stream = rr.RecordingStream("strandline", recording_id=str(identity))
         file = Spill(target)
-        stream.save(file.entrance, default_blueprint=blueprint(low, high, first.strands is not None))
+        stream.save(file.entrance, default_blueprint=blueprint(low, high, first))
         file.seal()
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         changing = shapes.changed_vertices(self._obstacles, first.time)
@@ -196,36 +203,62 @@ def log_strands(stream: rr.RecordingStream, strands: StrandFrame) -> None:
     stream.log(KEY, rr.TextDocument("\n".join(key), media_type="text/markdown"))
 
 
+def log_liquid(stream: rr.RecordingStream, liquid: LiquidFrame) -> None:
+    """Log particles and surface, fewer particles coloured by what each paint shows, and the key to these colours."""
+    drawn = layers.liquid_points(liquid_detail.coarse(liquid, detail.FINE.segments))
+    stream.log(LIQUID, rr.Points3D(drawn.points, radii=drawn.radii, colors=layers.LIQUID_COLOUR))
+    if len(liquid.surface_faces):
+        stream.log(SURFACE, obstacle(shapes.surface(liquid)))
+    fewer, key = liquid_detail.coarse(liquid, PAINTED_PARTICLES), []
+    for paint in LIQUID_PAINTS:
+        points = layers.liquid_points(fewer, paint, layers.paint_limit(liquid, paint))
+        stream.log(f"{PAINTED}/{paint}", rr.Points3D(points.points, radii=points.radii, colors=points.colours))
+        key += layers.colours_in_words(Frame(0, 0.0, 0, liquid=liquid), paint)
+    stream.log(KEY, rr.TextDocument("\n".join(f"- {said}" for said in key), media_type="text/markdown"))
+
+
 def obstacle(mesh: shapes.Mesh, places: bool = True) -> rr.Mesh3D:
     """Return a mesh for Rerun, without the places of its vertices where these are logged frame by frame."""
     vertices = mesh.vertices if places else None
     return rr.Mesh3D.from_fields(vertex_positions=vertices, triangle_indices=mesh.faces, albedo_factor=mesh.colour)
 
 
-def blueprint(low: Floats, high: Floats, strands: bool) -> rrb.Blueprint:
-    """Return the layout of the page, plots on its right.
+def blueprint(low: Floats, high: Floats, first: Frame) -> rrb.Blueprint:
+    """Return the layout of the page for frames like the `first`, plots on its right.
 
-    Beside them are the cloth, and its discretisation in a second tab, or `strands`, and in further tabs what colours show.
+    Beside them are the cloth, and its discretisation in a second tab, or strands or liquid, and in further tabs its surface
+    and what colours show.
     """
     position, target = layers.viewpoint(low, high)
     position = target + NEARER * (position - target)
     eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=(0, 0, 1))
-    of_strands = [("Strands", STRANDS), *((SCALES[paint].label.capitalize(), f"{PAINTED}/{paint}") for paint in PAINTS)]
+    tabs, plotted = [("Cloth", CLOTH.split("/")[0]), ("Nodes", NODES)], PLOTS
+    if first.strands is not None:
+        tabs, plotted = [("Strands", STRANDS), *_painted(PAINTS)], STRAND_PLOTS
+    elif first.liquid is not None:
+        surface = [("Surface", SURFACE)] if len(first.liquid.surface_faces) else []
+        tabs, plotted = [*surface, ("Particles", LIQUID), *_painted(LIQUID_PAINTS)], LIQUID_PLOTS
     views = (
         rrb.Spatial3DView(
             origin="/", name=name, contents=[f"+ /{OBSTACLES}/**", f"+ /{what}/**"],
             background=BACKGROUND, line_grid=False, eye_controls=eye,
         )
-        for name, what in (of_strands if strands else [("Cloth", CLOTH.split("/")[0]), ("Nodes", NODES)])
+        for name, what in tabs
     )  # fmt: skip
     plots = (
         rrb.TimeSeriesView(origin=f"/{SERIES}", name=name, contents=[f"+ /{SERIES}/{key}" for key in keys])
-        for name, keys in (STRAND_PLOTS if strands else PLOTS).items()
+        for name, keys in plotted.items()
     )
-    key = [rrb.TextDocumentView(origin=f"/{KEY}", name="Colours of this frame")] if strands else []
+    key = [rrb.TextDocumentView(origin=f"/{KEY}", name="Colours of this frame")] if plotted is not PLOTS else []
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Tabs(*views), rrb.Vertical(*plots, *key), column_shares=[3, 1]),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
     )
+
+
+def _painted(paints: tuple[Paint, ...]) -> list[tuple[str, str]]:
+    """Return tabs for what colours show: names and contents."""
+    names = ((SCALES[paint].label if paint in SCALES else paint).capitalize() for paint in paints)
+    return [(name, f"{PAINTED}/{paint}") for name, paint in zip(names, paints, strict=True)]

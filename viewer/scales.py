@@ -33,22 +33,40 @@ def per_metre(value: float) -> str:
 
 def newtons(value: float) -> str:
     """Return a force in words."""
-    for factor, unit in ((1.0, "N"), (1e-3, "mN"), (1e-6, "µN")):
-        if value >= factor:
-            return f"{value / factor:g} {unit}"
-    return f"{value / 1e-9:g} nN"
+    return _in_units(value, ((1.0, "N"), (1e-3, "mN"), (1e-6, "µN"), (1e-9, "nN")))
 
 
-# Strain runs from compressed to stretched through a pale middle (ColorBrewer's RdBu, safe for colour-blind eyes), the others
-# from a grey that is seen on white to ever darker blue and red.
+def pascals(value: float) -> str:
+    """Return a stress in words."""
+    return _in_units(value, ((1e6, "MPa"), (1e3, "kPa"), (1.0, "Pa"), (1e-3, "mPa")))
+
+
+def per_second(value: float) -> str:
+    """Return a speed in words."""
+    return _in_units(value, ((1.0, "m/s"), (1e-2, "cm/s"), (1e-3, "mm/s"), (1e-6, "µm/s")))
+
+
+def _in_units(value: float, units: tuple[tuple[float, str], ...]) -> str:
+    """Return a number in the largest of `units`, descending, that is no larger than it, else in the smallest."""
+    factor, unit = next((entry for entry in units if value >= entry[0]), units[-1])
+    return f"{value / factor:g} {unit}"
+
+
+# What has a sign runs through a pale middle (ColorBrewer's RdBu, safe for colour-blind eyes): strain from compressed to
+# stretched, pressure from suction. All else runs from a grey that is seen on white to an ever darker hue of its own.
+BLUE_TO_RED = ((33, 102, 172), (146, 197, 222), (247, 247, 247), (244, 165, 130), (178, 24, 43))
 GREY = (190, 200, 210)
 SCALES = {
-    "strain": Scale("stretch strain", ((33, 102, 172), (146, 197, 222), (247, 247, 247), (244, 165, 130), (178, 24, 43)),
-                    ("blue", "red"), True, 1e-6, percent),
+    "strain": Scale("stretch strain", BLUE_TO_RED, ("blue", "red"), True, 1e-6, percent),
     "curvature": Scale("curvature", (GREY, (128, 186, 208), (66, 140, 214), (52, 80, 160), (36, 22, 96)),
                        ("grey", "dark blue"), False, 1e-2, per_metre),
     "force": Scale("contact force", (GREY, (253, 174, 97), (215, 48, 39), (120, 0, 38)),
                    ("grey", "dark red"), False, 1e-9, newtons),
+    "speed": Scale("speed", (GREY, (140, 200, 185), (38, 152, 138), (0, 100, 92), (0, 48, 52)),
+                   ("grey", "dark green"), False, 1e-6, per_second),
+    "pressure": Scale("pressure", BLUE_TO_RED, ("blue", "red"), True, 1e-3, pascals),
+    "shear": Scale("shear stress", (GREY, (196, 164, 206), (152, 98, 176), (104, 44, 134), (54, 6, 84)),
+                   ("grey", "dark purple"), False, 1e-3, pascals),
 }
 
 

@@ -1,4 +1,4 @@
-"""Triangle meshes of obstacles, and the unit shapes that yarns and nodes are instances of."""
+"""Triangle meshes of obstacles and of the surface of liquids, and the unit shapes that yarns and nodes are instances of."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from engine.contact.obstacles import ObstacleKind, Obstacles, posed
 from engine.geometry.handles import Handles
-from viewer.layers import Floats, Points, Segments
+from engine.run.frames import LiquidFrame
+from viewer import layers
+from viewer.layers import Bytes, Floats, Points, Segments
 
 Faces = NDArray[np.uint32]
 Shape = tuple[Floats, Faces]
@@ -129,6 +131,18 @@ def obstacle_mesh(
     return Mesh(vertices, faces, PLANE_COLOUR if kind is ObstacleKind.PLANE else OBSTACLE_COLOUR)
 
 
+def surface(liquid: LiquidFrame) -> Mesh:
+    """Return the surface of a liquid."""
+    return Mesh(liquid.surface_vertices, liquid.surface_faces.astype(np.uint32), layers.LIQUID_COLOUR)
+
+
+def light(colours: Bytes) -> Bytes:
+    """Return sRGB colours as shares of light, which is what viser takes the colours of instances for."""
+    share = colours / 255
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return (255 * linear).round().astype(np.uint8)
+
+
 def changed_vertices(obstacles: Obstacles, time: float) -> dict[int, Floats]:
     """Return by index the vertices that obstacles which change their shape have at `time` [s], were they not moved [m]."""
     if obstacles.surfaces is None:
@@ -149,15 +163,20 @@ def moves(obstacles: Obstacles, handles: Handles, time: float) -> dict[int, Move
     return found
 
 
-MANY = 5_000  # tubes above which they are drawn with fewer sides and open ends, which are too small to be seen
+MANY = 5_000  # tubes or balls above which they are drawn with fewer sides, and open ends, which are too small to be seen
 UNIT_TUBE, UNIT_PIPE = cylinder(12), pipe(6)
-UNIT_BALL = sphere(6)
+UNIT_BALL, UNIT_BEAD = sphere(6), sphere(3)
 REACH = 0.6  # radii by which a tube reaches past its end at most
 
 
 def tube(copies: int) -> Shape:
     """Return the unit tube for so many copies."""
     return UNIT_TUBE if copies <= MANY else UNIT_PIPE
+
+
+def ball(copies: int) -> Shape:
+    """Return the unit ball for so many copies."""
+    return UNIT_BALL if copies <= MANY else UNIT_BEAD
 
 
 def tubes(segments: Segments) -> Instances:
@@ -185,6 +204,6 @@ def tubes(segments: Segments) -> Instances:
 
 
 def balls(points: Points) -> Instances:
-    """Return the copies of UNIT_BALL that draw points."""
+    """Return the copies of a unit ball that draw points."""
     wxyz = np.tile(np.array((1, 0, 0, 0), np.float32), (len(points.points), 1))
     return Instances(points.points, wxyz, np.repeat(points.radii[:, None], 3, axis=1))

@@ -1,4 +1,4 @@
-"""The 3D picture on one page: lights, obstacles, yarns, strands and nodes as viser nodes whose properties follow the frames."""
+"""The 3D picture on one page: lights, obstacles and all that moves as viser nodes whose properties follow the frames."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,8 @@ import viser
 
 from engine.contact.obstacles import Obstacles
 from engine.geometry.handles import Handles
-from engine.run.frames import Frame, StrandFrame, YarnFrame
-from viewer import detail, layers, shapes, strand_detail
+from engine.run.frames import Frame, LiquidFrame, StrandFrame, YarnFrame
+from viewer import detail, layers, liquid_detail, shapes, strand_detail
 from viewer.detail import Level
 from viewer.lay import Layout
 from viewer.layers import Bytes, Paint, Segments
@@ -22,12 +22,13 @@ SPARE = 1.2  # room for this many times the instances that have to be shown
 class Shown:
     """What the visitor wants to see."""
 
-    lines: bool  # yarns or strands
+    lines: bool  # yarns, strands or liquid
     nodes: bool
     obstacles: bool
     paint: Paint | None = None  # None: colours of what belongs together
     level: Level = "auto"
     focus: tuple[float, float, float] = (0.0, 0.0, 0.0)  # middle of the region that is drawn [m]
+    surface: bool = True  # of the liquid, where the frame has it and colours say nothing of the particles, in place of them
 
 
 class Stage:
@@ -39,6 +40,8 @@ class Stage:
         self._yarns: viser.BatchedMeshHandle | None = None
         self._strands: viser.BatchedMeshHandle | None = None
         self._nodes: viser.BatchedMeshHandle | None = None
+        self._liquid: viser.BatchedMeshHandle | None = None
+        self._surface: viser.MeshHandle | None = None
         self._lights()
 
     def _lights(self) -> None:
@@ -51,10 +54,11 @@ class Stage:
 
     def clear(self) -> None:
         """Take away everything of the scene that was shown."""
-        for handle in (*self._obstacles, self._yarns, self._strands, self._nodes):
+        for handle in (*self._obstacles, self._yarns, self._strands, self._nodes, self._liquid, self._surface):
             if handle is not None:
                 handle.remove()
         self._obstacles, self._yarns, self._strands, self._nodes = [], None, None, None
+        self._liquid, self._surface = None, None
 
     def set_obstacles(self, obstacles: Obstacles, low: np.ndarray, high: np.ndarray) -> None:
         """Show the obstacles of a scene that extends from `low` to `high` [m]."""
@@ -85,14 +89,16 @@ class Stage:
         camera.look_at = target + aside  # after the position, which carries the old target along
 
     def draw(self, frame: Frame, layout: Layout, shown: Shown) -> str:
-        """Show the yarns and strands of one frame; returns what part of it that is, in words."""
+        """Show the yarns, strands and liquid of one frame; returns what part of it that is, in words."""
         for handle in self._obstacles:
             handle.visible = shown.obstacles
-        said, paint = [], shown.paint or layers.paints_of(frame)[0]
+        said, among = [], layers.paint_among
         if frame.yarns is not None:
-            said.append(self._draw_yarns(frame.yarns, layout, shown, paint))
+            said.append(self._draw_yarns(frame.yarns, layout, shown, among(layers.YARN_PAINTS, shown.paint)))
         if frame.strands is not None:
-            said.append(self._draw_strands(frame.strands, shown, paint))
+            said.append(self._draw_strands(frame.strands, shown, among(layers.STRAND_PAINTS, shown.paint)))
+        if frame.liquid is not None:
+            said.append(self._draw_liquid(frame.liquid, shown, among(layers.LIQUID_PAINTS, shown.paint)))
         return "; ".join(said)
 
     def _draw_yarns(self, yarns: YarnFrame, layout: Layout, shown: Shown, paint: Paint) -> str:
@@ -119,6 +125,31 @@ class Stage:
         self._strands = self._tubes(self._strands, "/strands", segments)
         self._strands.visible = shown.lines
         return part.said
+
+    def _draw_liquid(self, liquid: LiquidFrame, shown: Shown, paint: Paint) -> str:
+        """Show the surface of a liquid or its particles as balls."""
+        surface = shown.surface and paint == "liquid" and len(liquid.surface_faces) > 0
+        if surface:
+            said = f"shown the surface, {len(liquid.surface_faces):,} triangles"
+            self._surface = self._mesh(self._surface, "/surface", shapes.surface(liquid))
+        else:
+            part = liquid_detail.part(liquid, shown.level, np.array(shown.focus))
+            said, points = part.said, layers.liquid_points(part.liquid, paint, layers.paint_limit(liquid, paint))
+            unit = shapes.ball(len(points.points))
+            colours = shapes.light(points.colours)  # like its surface's, which are sRGB
+            self._liquid = self._instances(self._liquid, "/liquid", unit, shapes.balls(points), colours)
+        if self._surface is not None:
+            self._surface.visible = shown.lines and surface
+        if self._liquid is not None:
+            self._liquid.visible = shown.lines and not surface
+        return said
+
+    def _mesh(self, handle: viser.MeshHandle | None, name: str, mesh: shapes.Mesh) -> viser.MeshHandle:
+        """Show the mesh with the node of the last frame, if there was one."""
+        if handle is None:
+            return self._client.scene.add_mesh_simple(name, mesh.vertices, mesh.faces, color=mesh.colour)
+        handle.vertices, handle.faces = mesh.vertices, mesh.faces
+        return handle
 
     def _tubes(self, handle: viser.BatchedMeshHandle | None, name: str, segments: Segments) -> viser.BatchedMeshHandle:
         # one colour an instance: that of the middle of the segment

@@ -29,6 +29,7 @@ from engine.liquid.transfer import FIELD, add, gather, load, scatter, weigh
 from engine.liquid.walls import Mirror, collect, collect_mass, reflect, reflect_change
 
 INEXACT = 0.1  # of the residual of an iteration, that its linear solve may leave
+ROUND_OFF = 1e-9  # of momentum, below which impulses are nothing
 SHRINK, MOST_SHRINKS = 0.5, 8  # of steps that do not lessen the residual
 DIAGONAL = 0.62  # of the matrix of an even liquid, in units of across V h / spacing^2: an integral of splines
 
@@ -53,7 +54,7 @@ def shear_solve(
     faces, of which those without any are left alone. Particles at x [P, 3] [m] have a `volume` [P] [m^3] at rest and, unless
     Newtonian, an elastic strain [P, 6].
     """
-    system = _System(grid, model, settings, x, volume, strain, mirror, mass, free, h)
+    system = _System(grid, model, settings, x, volume, strain, mirror, mass, u, free, h)
     u = np.where(mass > 0.0, u, 0.0)
     left, scale = system.residual(u)
     newton = linear = 0
@@ -78,7 +79,7 @@ class _System:
 
     def __init__(
         self, grid: Grid, model: LiquidModel, settings: LiquidSettings, x: Floats, volume: Floats, strain: Floats | None,
-        mirror: Mirror, mass: Floats, free: Floats, h: float,
+        mirror: Mirror, mass: Floats, before: Floats, free: Floats, h: float,
     ):
         self.grid, self.model, self.x, self.volume, self.strain, self.mirror = grid, model, x, volume, strain, mirror
         self.h, self.free, self.implicit = h, free, settings.plastic_flow == "implicit"
@@ -88,9 +89,10 @@ class _System:
         self.inverse = np.divide(1.0, self.mass, out=np.zeros_like(mass), where=self.mass > 0.0)
         self.tangent: Singles = np.empty((len(x) if model.elastic else 0, 8), np.float32)
         self.force, self.diagonal = grid.faces(), grid.faces()
+        self.driven = self.norm(self.mass * (free - before)) + ROUND_OFF * self.norm(self.mass * free)
 
     def residual(self, u: Floats) -> tuple[Floats, float]:
-        """Reflect u at walls; return the impulse that it leaves over [kg m/s], and the norm of those that it balances."""
+        """Reflect u at walls; return the impulse that it leaves over [kg m/s], and the norm of what drives it and of stress."""
         reflect(self.mirror, u)
         self.force[:] = 0.0
         model = self.model
@@ -103,7 +105,7 @@ class _System:
             add_viscous_impulse(self.grid, self.x, self.volume, u, self.h, model.consistency, self.force)
         collect(self.mirror, self.force)
         left = self.mass * (self.free - u) + self.force
-        return left, self.norm(self.force) + self.norm(self.mass * (self.free - u))
+        return left, self.norm(self.force) + self.driven
 
     def norm(self, impulse: Floats) -> float:
         """Return the norm of an impulse, in which its square is twice the energy that it gives to what is at rest."""

@@ -16,7 +16,8 @@ from engine.geometry.solids import Solids, distance_to
 from engine.liquid.grid import CELLS, SIDE, Grid, Indices
 
 ON = 1e-6  # spacings within which a face is on a wall
-REACH = 3.0  # spacings before a wall, up to which distances matter
+REACH = 4.0  # spacings before a wall, up to which distances are told apart
+DIAGONAL = 1.0  # more than the spacings from a cell's centre to its corner
 IMAGES = 3  # walls that meet in a corner, each of which mirrors
 
 
@@ -63,9 +64,9 @@ def walls(grid: Grid, begin: Solids, end: Solids, h: float, no_slip: bool, mass:
     found = open_space(grid)
     if len(end.kind) == 0:
         return found
-    _cut(grid, begin, end, h, found.near, found.distance, found.open, found.speed)
-    behind = _behind(grid, end, found.near, no_slip, mass)
-    mirror = _mirrored(grid, begin, end, h, behind, no_slip, mass)
+    behind = np.zeros(mass.shape, np.bool_)
+    _cut(grid, begin, end, h, no_slip, mass, found.near, found.distance, found.open, found.speed, behind)
+    mirror = _mirrored(grid, begin, end, h, np.flatnonzero(behind).astype(np.int32), no_slip, mass)
     return found._replace(mirror=mirror, cell_mirror=_mirrored_cells(grid, end, found.distance))
 
 
@@ -142,6 +143,16 @@ def _centre(grid, b, c, axis, x):
         x[axis] -= 0.5 * grid.spacing
 
 
+@njit(cache=True, inline="always")
+def _cell_of(grid, b, x):
+    """Number of the cell of a block that x is in, or is nearest to."""
+    cell = 0
+    for k in range(3):
+        at = int(np.floor((x[k] - grid.origin[k]) / grid.spacing)) - SIDE * grid.place[b, k]
+        cell = SIDE * cell + min(max(at, 0), SIDE - 1)
+    return cell
+
+
 @njit(cache=True)
 def _unit(normal):
     length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
@@ -196,63 +207,53 @@ def open_share(distance, a, b):
 
 
 @njit(cache=True, parallel=True)
-def _cut(grid, begin, end, h, near, cell_distance, open_, speed):
-    """Write distances of cells, open shares of faces and the speed of walls at them, in the blocks near solids."""
+def _cut(grid, begin, end, h, no_slip, mass, near, cell_distance, open_, speed, behind):
+    """Write distances of cells, open shares of faces and the speed of walls at them, in the blocks near solids.
+
+    Faces are `behind` walls, or on them where these hold them, and have mass: they will be mirror images.
+    """
     across = grid.spacing * (0.5 * SIDE + 0.5) * np.sqrt(3.0) + REACH * grid.spacing
     for b in prange(len(grid.place)):
         x, normal, velocity = np.empty(3), np.empty(3), np.empty(3)
         for k in range(3):
             x[k] = grid.origin[k] + grid.spacing * SIDE * (grid.place[b, k] + 0.5)
-        distance, _ = nearest(end, x, normal)
-        near[b] = distance < across
+        close, count = np.empty(len(end.kind), np.int64), 0
+        for o in range(len(end.kind)):
+            if distance_to(end, o, x, normal) < across:
+                close[count] = o
+                count += 1
+        near[b] = count > 0
         if not near[b]:
             continue
         for c in range(CELLS):
             _centre(grid, b, c, 3, x)
-            distance, _ = nearest(end, x, normal)
-            cell_distance[b, c] = min(distance / grid.spacing, REACH)
-            if distance > 1.5 * grid.spacing:
+            for o in close[:count]:
+                cell_distance[b, c] = min(distance_to(end, o, x, normal) / grid.spacing, cell_distance[b, c])
+            if cell_distance[b, c] > 1.5:
                 continue
             for axis in range(3):
                 _centre(grid, b, c, axis, x)
-                for o in range(len(end.kind)):
+                least, facing = np.inf, 0.0
+                for o in close[:count]:
                     distance = distance_to(end, o, x, normal)
                     if distance > grid.spacing:
                         continue
                     _unit(normal)
+                    if distance < least:
+                        least, facing = distance, abs(normal[axis])
                     one, other = normal[(axis + 1) % 3], normal[(axis + 2) % 3]
                     share = open_share(distance / grid.spacing - ON, one, other)
                     if share < open_[axis, b, c]:
                         open_[axis, b, c] = share
                         velocity_of(begin, end, o, x, h, velocity)
                         speed[axis, b, c] = velocity[axis]
+                on_wall = least < ON * grid.spacing and (no_slip or facing > 0.5)
+                behind[axis, b, c] = mass[axis, b, c] > 0.0 and (least < -ON * grid.spacing or on_wall)
 
 
-@njit(cache=True)
-def _behind(grid, end, near, no_slip, mass):
-    """Numbers of the faces behind walls, or on them where these hold them, that have mass."""
-    count, found = 0, np.empty(1024, np.int32)
-    x, normal = np.empty(3), np.empty(3)
-    for axis in range(3):
-        for b in range(len(grid.place)):
-            if not near[b]:
-                continue
-            for c in range(CELLS):
-                if mass[axis, b, c] == 0.0:
-                    continue
-                _centre(grid, b, c, axis, x)
-                distance, _ = nearest(end, x, normal)
-                if distance < -ON * grid.spacing or (
-                    distance < ON * grid.spacing and (no_slip or abs(normal[axis]) > 0.5)
-                ):
-                    if count == len(found):
-                        found = np.concatenate((found, np.empty(count, np.int32)))
-                    found[count] = (axis * len(grid.place) + b) * CELLS + c
-                    count += 1
-    return found[:count]
-
-
-def _mirrored(grid, begin, end, h, behind, no_slip, mass) -> Mirror:
+def _mirrored(
+    grid: Grid, begin: Solids, end: Solids, h: float, behind: Indices, no_slip: bool, mass: Floats
+) -> Mirror:
     """The map for the faces `behind` walls."""
     before = mass.reshape(-1) > 0.0
     before[behind] = False
@@ -348,17 +349,21 @@ def _parents(grid, b, x, axis, before, parent, weight):
 
 
 @njit(cache=True, parallel=True)
-def push_out(grid, near, begin, end, h, x, velocity):
+def push_out(grid, near, cell_distance, moved, begin, end, h, x, velocity):
     """Move particles that are inside solids at the end of a step of h [s] to their surface, and let them go no deeper.
 
-    `near` [B] flags the blocks of the grid, by which x [P, 3] [m] are sorted as of before they moved.
+    `near` [B] flags the blocks of the grid, by which x [P, 3] [m] are sorted as of before they `moved` by so many cells at most
+    along any axis; `cell_distance` [B, 64] [spacings] is that of cells to solids.
     """
+    safe = DIAGONAL + np.sqrt(3.0) * moved
     for t in prange(len(grid.turn)):
         b = grid.turn[t]
         if not near[b]:
             continue
         normal, wall = np.empty(3), np.empty(3)
         for p in range(grid.start[b], grid.start[b + 1]):
+            if cell_distance[b, _cell_of(grid, b, x[p])] > safe:
+                continue
             distance, o = nearest(end, x[p], normal)
             if distance < 0.0:
                 velocity_of(begin, end, o, x[p], h, wall)

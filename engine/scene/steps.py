@@ -88,7 +88,7 @@ class StrandStep(Part):
 class LiquidStep(Part):
     """The knobs of speed against error of one step of liquid; its size is that of `step`, and what `courant` leaves of it."""
 
-    courant: Annotated[float, Field(gt=0, le=10)] = LiquidSettings.courant
+    courant: Annotated[float, Field(gt=0, le=1.5)] = LiquidSettings.courant
     """Cells of the grid that the fastest particle may cross in a step, at most."""
     pressure_tolerance: Annotated[float, Field(gt=0, lt=1)] = LiquidSettings.pressure_tolerance
     """Residual that ends the solve for pressure, relative to its right-hand side."""

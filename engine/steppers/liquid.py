@@ -263,5 +263,5 @@ class LiquidStepper:
             evolve.shift(grid, state.x, by, moved)
             state.x = moved
         if begin is not None and end is not None:
-            push_out(grid, flow.walls.near, begin, end, h, state.x, state.velocity)
+            push_out(grid, flow.walls.near, flow.walls.distance, self.settings.courant + SPREAD_LIMIT, begin, end, h, state.x, state.velocity)
         evolve.wrap(state.x, model.origin, model.spacing * model.period)

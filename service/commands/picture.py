@@ -22,10 +22,16 @@ def picture(
     ] = None,
     size: Annotated[tuple[int, int], typer.Option(metavar="WIDTH HEIGHT", help="Of the picture, in pixels.")] = (1200, 800),
     paint: Annotated[
-        Literal["fabric", "group", "strain", "curvature", "force"] | None,
-        typer.Option(help="What colours say: of yarns fabric or strain, of strands group, strain, curvature or contact force."),
+        Literal["fabric", "group", "strain", "curvature", "force", "liquid", "speed", "pressure", "shear", "yielded"] | None,
+        typer.Option(help=(
+            "What colours say: of yarns fabric or strain, of strands group, strain, curvature or contact force, of liquids "
+            "nothing, speed, pressure, shear stress or where they have yielded."
+        )),
     ] = None,
     nodes: Annotated[bool, typer.Option(help="Show the nodes of yarns, on thin yarns.")] = False,
+    surface: Annotated[
+        bool, typer.Option(help="Show the surface of a liquid, if the frame has it, where colours say nothing of its particles.")
+    ] = True,
     detail: Annotated[
         Literal["auto", "fine", "region"], typer.Option(help="How much is drawn; a region is the one around --at.")
     ] = "fine",
@@ -43,7 +49,8 @@ def picture(
     if not (directory / "scene.json").exists():
         fail(f"{what}: neither a job's directory nor a job in {data}", EXIT_INVALID)
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # the browser opens connections and thinks better of it
-    shown = Shown(lines=True, nodes=nodes, obstacles=True, paint=paint, level=detail, focus=at or (0.0, 0.0, 0.0))
+    focus = at or (0.0, 0.0, 0.0)
+    shown = Shown(lines=True, nodes=nodes, obstacles=True, paint=paint, level=detail, focus=focus, surface=surface)
     try:
         said = draw(directory, frame, shown, View(*view, zoom, at), size, to)
     except (CannotDraw, SceneError, OSError, ValueError) as problem:

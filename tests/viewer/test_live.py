@@ -14,7 +14,7 @@ from playwright.sync_api import Page, expect
 
 from engine.run.frames import write_frame
 from tests.browser import chromium
-from tests.viewer import jobs, strands, synthetic
+from tests.viewer import jobs, liquids, strands, synthetic
 from viewer.server import LiveViewer
 
 FRAMES = 10
@@ -31,6 +31,9 @@ def data(tmp_path_factory) -> Path:
     strands.write_falling_job(path / "falling")
     jobs.write_job(path / "swelling", strands.on_a_swelling_ball(), map(strands.frame, range(4)))
     strands.write_large_job(path / "hair")
+    liquids.write_job(path / "basin", 4)
+    liquids.write_job(path / "surfaced", 4, surfaced=True)
+    liquids.write_large_job(path / "sea")
     return path
 
 
@@ -227,6 +230,64 @@ def test_a_head_of_hair_is_drawn_by_some_of_its_strands(page, viewer):
     expect(page.get_by_text("shown 19,995 of 480,000 segments; 1,333 of 32,000 strands")).to_be_visible()
     hair = picture(page)
     assert (hair[..., 0] > 1.2 * hair[..., 2]).mean() > 0.1, "a head of brown hair"
+
+
+def blue(shot: np.ndarray) -> float:
+    """Share of the picture that is blue."""
+    return float((shot[..., 2] > 1.25 * shot[..., 0]).mean())
+
+
+def test_liquid_is_drawn_in_the_colours_of_what_one_asks_for(page, viewer):
+    page.goto(url(viewer, "basin"))
+    expect(page.get_by_text("shown all 6,401 particles")).to_be_visible()
+    expect(page.get_by_role("checkbox", name="Liquid")).to_be_visible()
+    for absent in ("Nodes", "Surface"):
+        expect(page.get_by_role("checkbox", name=absent)).to_have_count(0)
+    assert blue(picture(page)) > 0.05
+
+    choose(page, "Colour by", "shear stress")
+    expect(page.get_by_text("shear stress, with 99% of the frame in this range")).to_be_visible()
+    choose(page, "Colour by", "yielding")
+    expect(page.get_by_text("not yielded: elastic")).to_be_visible()
+    yielding = picture(page)
+    orange = yielding[..., 0] > 1.5 * yielding[..., 2]
+    assert orange.mean() > 0.02 and blue(yielding) < 0.01
+
+    page.get_by_role("checkbox", name="Liquid").click()
+    bare = picture(page)
+    assert (bare[..., 0] > 1.5 * bare[..., 2]).mean() < 0.01, "only obstacles are left, and the edge of a notice"
+
+
+def test_the_surface_of_liquid_follows_the_frames_and_gives_way_to_particles(page, viewer):
+    page.goto(url(viewer, "surfaced"))
+    expect(page.get_by_text(re.compile(r"shown the surface, [\d,]+ triangles"))).to_be_visible()
+    expect(page.get_by_text("frame 3 of 3")).to_be_visible()
+    last = picture(page)
+    assert blue(last) > 0.05
+    page.get_by_role("button", name="first").click()
+    expect(page.get_by_text("frame 0 of 3")).to_be_visible()
+    first = picture(page)
+    assert blue(first) > 0.05 and share_changed(first, last) > 0.01
+    page.get_by_role("checkbox", name="Surface").click()
+    expect(page.get_by_text("shown all 6,401 particles")).to_be_visible()
+    particles = picture(page)
+    assert blue(particles) == pytest.approx(blue(first), rel=0.2) and share_changed(particles, first) > 0.01
+
+
+def test_much_liquid_is_drawn_by_some_of_its_particles(page, viewer):
+    page.goto(url(viewer, "sea"))
+    expect(page.get_by_text("shown 20,000 of 172,801 particles, as large as all of them together")).to_be_visible()
+    assert blue(picture(page)) > 0.05
+
+
+def test_the_solver_says_how_liquid_did(page, viewer):
+    page.goto(url(viewer, "basin"))
+    expect(page.get_by_text("frame 3 of 3")).to_be_visible()
+    page.get_by_role("tab", name="Solver").click()
+    expect(page.get_by_text("Iterations for pressure", exact=True)).to_be_attached()
+    expect(page.get_by_text("iterations for pressure", exact=True)).to_be_visible()
+    expect(page.get_by_text("6,401", exact=True)).to_be_visible()
+    expect(page.get_by_text("Newton residual, log10")).to_have_count(0)
 
 
 def test_strangers_are_turned_away(viewer):

@@ -1,5 +1,6 @@
 """Still pictures, drawn by the Chromium that is installed."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from engine.run.frames import Frame, write_frame
-from tests.viewer import strands, synthetic
+from tests.viewer import liquids, strands, synthetic
 from viewer import layers
 from viewer.picture import CannotDraw, View, _eye, _towards, draw
 from viewer.stage import Shown
@@ -40,6 +41,21 @@ def test_strands_are_drawn_in_colours_that_are_said(tmp_path, paint, said):
     blue = drawn[..., 2] > 1.25 * drawn[..., 0]
     assert red.mean() > 0.002, "brown strands, or those that press"
     assert (blue.mean() > 0.002) == (paint is None), "blue strands"
+
+
+@pytest.mark.parametrize(("shown", "said"), [
+    ({"paint": None}, r"shown the surface, [\d,]+ triangles"),
+    ({"paint": None, "surface": False}, "shown all 6,401 particles"),
+    ({"paint": "yielded"}, r"shown all 6,401 particles; yielded \(orange\) or not \(grey\)"),
+])
+def test_liquid_is_drawn_as_surface_or_particles(tmp_path, shown, said):
+    liquids.write_job(tmp_path / "basin", 4, surfaced=True)
+    path = tmp_path / "picture.png"
+    assert re.fullmatch(said, draw(tmp_path / "basin", -1, replace(ALL, **shown), View(), (240, 160), path))
+    drawn = np.asarray(Image.open(path).convert("RGB"), float)
+    blue = drawn[..., 2] > 1.25 * drawn[..., 0]
+    orange = drawn[..., 0] > 1.5 * drawn[..., 2]
+    assert (orange if shown["paint"] else blue).mean() > 0.05 and (blue if shown["paint"] else orange).mean() < 0.005
 
 
 def test_a_few_hairs_are_seen(tmp_path):

@@ -10,7 +10,7 @@ from rerun.chunk import RrdReader
 
 from engine.run.frames import Frame
 from engine.scene.load import load_scene
-from tests.viewer import strands, synthetic
+from tests.viewer import liquids, strands, synthetic
 from viewer.recording import Recorder, recording_parts
 
 # a run that is killed without warning in the middle of a frame that it has not flushed
@@ -96,6 +96,33 @@ def test_a_recording_of_strands_has_them_by_group_and_in_every_paint(tmp_path):
     assert counted["/obstacles/0"] == 1
     assert not any(name.startswith(("/cloth", "/nodes")) for name in counted)
     assert len(RrdReader(tmp_path / "recording.rrd").blueprints()) == 1
+
+
+def record_liquid(directory: Path, surfaced: bool) -> Counter:
+    recorder = Recorder(load_scene(liquids.SCENE), directory)
+    for index in range(3):
+        recorder.log(liquids.frame(index, surfaced))
+    recorder.close()
+    assert len(RrdReader(directory / "recording.rrd").blueprints()) == 1
+    return rows(directory / "recording.rrd")
+
+
+def test_a_recording_of_liquid_has_it_in_every_paint_and_its_surface(tmp_path):
+    for surfaced in (False, True):
+        (tmp_path / str(surfaced)).mkdir()
+        counted = record_liquid(tmp_path / str(surfaced), surfaced)
+        for entity in ("liquid", "painted/speed", "painted/pressure", "painted/shear", "painted/yielded", "key",
+                       "series/particles"):  # fmt: skip
+            assert counted[f"/{entity}"] == 3
+        assert counted["/surface"] == (3 if surfaced else 0)
+        assert not any(name.startswith(("/cloth", "/nodes", "/strands")) for name in counted)
+
+
+def test_much_recorded_liquid_is_as_large_as_it_may_be(tmp_path):
+    recorder = Recorder(load_scene(liquids.SCENE), tmp_path)
+    recorder.log(Frame(0, 0.0, 0, liquid=liquids.large()))
+    recorder.close()
+    assert (tmp_path / "recording.rrd").stat().st_size < 2.5e6
 
 
 def test_a_body_that_changes_is_recorded_in_every_frame(tmp_path):

@@ -12,7 +12,17 @@ import numpy as np
 import pytest
 
 from engine.run.files import ASIDE
-from engine.run.frames import Frame, StrandFrame, YarnFrame, drop_frames, frame_path, frame_paths, read_frame, write_frame
+from engine.run.frames import (
+    Frame,
+    LiquidFrame,
+    StrandFrame,
+    YarnFrame,
+    drop_frames,
+    frame_path,
+    frame_paths,
+    read_frame,
+    write_frame,
+)
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -36,9 +46,17 @@ def example_strands() -> StrandFrame:
     )
 
 
+def example_liquid(vertices: int = 4) -> LiquidFrame:
+    rng = np.random.default_rng(0)
+    return LiquidFrame(
+        rng.normal(size=(7, 3)).astype(np.float32), *rng.normal(size=(4, 7)).astype(np.float32), rng.random(7) > 0.5,
+        rng.normal(size=(vertices, 3)).astype(np.float32), rng.integers(0, 4, (vertices, 3)).astype(np.int32),
+    )
+
+
 def assert_same(a: Frame, b: Frame) -> None:
     assert (a.index, a.time, a.step, a.series) == (b.index, b.time, b.step, b.series)
-    for mine, other in ((a.yarns, b.yarns), (a.strands, b.strands)):
+    for mine, other in ((a.yarns, b.yarns), (a.strands, b.strands), (a.liquid, b.liquid)):
         assert (mine is None) == (other is None)
         for name, values in vars(mine).items() if mine is not None else ():
             read = getattr(other, name)
@@ -56,9 +74,15 @@ def test_a_frame_with_strands_is_read_as_it_was_written(tmp_path, without):
     assert_same(frame, read_frame(write_frame(tmp_path, frame)))
 
 
-def test_a_frame_without_yarns_or_strands_has_none(tmp_path):
+@pytest.mark.parametrize("vertices", [4, 0])
+def test_a_frame_with_liquid_is_read_as_it_was_written(tmp_path, vertices):
+    frame = replace(example_frame(), yarns=None, liquid=example_liquid(vertices))
+    assert_same(frame, read_frame(write_frame(tmp_path, frame)))
+
+
+def test_a_frame_without_yarns_strands_or_liquid_has_none(tmp_path):
     read = read_frame(write_frame(tmp_path, replace(example_frame(), yarns=None)))
-    assert read.yarns is None and read.strands is None
+    assert read.yarns is None and read.strands is None and read.liquid is None
 
 
 def test_equal_frames_are_equal_files(tmp_path):
