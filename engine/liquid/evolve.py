@@ -1,8 +1,7 @@
 """What a step does to particles: they strain and flow, swell, and move (Fei 2019, algorithm 2, items 7 to 12)."""
 
-from numba import njit, prange
-
 import numpy as np
+from numba import njit, prange
 
 from engine.liquid.rheology import (
     analytic_return,

@@ -26,11 +26,18 @@ def present_volume(state: LiquidState) -> Floats:
     return state.volume if state.compression is None else state.volume * state.compression
 
 
+def stressed(strain: Floats, shear_modulus: float) -> Floats:
+    """Return the shear stress s = mu dev(b) [Pa] of elastic strains b [P, 6], shape [P, 6] (Fei 2019, eq. 13.9)."""
+    s = shear_modulus * strain
+    s[:, :3] -= s[:, :3].mean(axis=1)[:, None]
+    return s
+
+
 def shear_stress(model: LiquidModel, state: LiquidState) -> Floats:
     """Return the shear stress that a rheometer would show [Pa], ||s|| / sqrt(2), shape [P]."""
     if state.strain is not None:
-        size = np.sqrt(_square_of_deviator(state.strain))
-        return model.shear_modulus * size / np.sqrt(2.0)
+        s = stressed(state.strain, model.shear_modulus)
+        return np.sqrt(0.5 * (s[:, :3] ** 2).sum(axis=1) + (s[:, 3:] ** 2).sum(axis=1))
     rate = 0.5 * (state.affine + state.affine.transpose(0, 2, 1))
     mean = np.trace(rate, axis1=1, axis2=2) / 3.0
     square = np.einsum("pij,pij->p", rate, rate) - 3.0 * mean**2
@@ -47,7 +54,8 @@ def energies(model: LiquidModel, state: LiquidState, gravity: ArrayLike) -> dict
     kinetic = 0.5 * float(mass @ (np.einsum("pi,pi->p", state.velocity, state.velocity) + affine))
     potential = -float(mass @ (state.x @ np.asarray(gravity)))
     if state.strain is not None:
-        potential += 0.5 * model.shear_modulus * float(state.volume @ (state.strain[:, :3].sum(axis=1) - 3.0))
+        trace = state.strain[:, :3].sum(axis=1)
+        potential += 0.5 * model.shear_modulus * float(state.volume @ (trace - 3.0))
     if state.compression is not None:
         j = state.compression
         potential += 0.5 * model.bulk_modulus * float(state.volume @ (0.5 * (j * j - 1.0) - np.log(j)))
@@ -62,7 +70,7 @@ def of_cells(grid: Grid, x: Floats, row: Indices, values: Floats, result: Single
         for p in range(grid.start[b], grid.start[b + 1]):
             cell = 0
             for k in range(3):
-                at = np.int64((x[p, k] - grid.origin[k]) / grid.spacing - SIDE * grid.place[b, k])
+                at = int((x[p, k] - grid.origin[k]) / grid.spacing - SIDE * grid.place[b, k])
                 cell = SIDE * cell + min(max(at, 0), SIDE - 1)
             n = row[b, cell]
             result[p] = values[n] if n >= 0 else 0.0
@@ -71,7 +79,3 @@ def of_cells(grid: Grid, x: Floats, row: Indices, values: Floats, result: Single
 def _flows(model: LiquidModel, shear: Floats, yield_shear: float) -> Flags:
     return shear > yield_shear * (1.0 + 1e-9) if model.elastic else np.ones(len(shear), np.bool_)
 
-
-def _square_of_deviator(strain: Floats) -> Floats:
-    mean = strain[:, :3].mean(axis=1)
-    return ((strain[:, :3] - mean[:, None]) ** 2).sum(axis=1) + 2.0 * (strain[:, 3:] ** 2).sum(axis=1)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from engine.arrays import Flags, Floats
+from engine.arrays import Floats, Ints
 from engine.linalg.multigrid import Multigrid, SevenPoint, Solved, multigrid, solve
 from engine.liquid.grid import CELLS, Grid, Indices, beside
 from engine.liquid.surface import HALF
@@ -28,7 +28,7 @@ class Wet(NamedTuple):
 
 
 def wet_cells(
-    grid: Grid, filled: Floats, depth: Floats, open_: Floats, conductance: Floats, compliance: Floats, period: Indices
+    grid: Grid, filled: Floats, depth: Floats, open_: Floats, conductance: Floats, compliance: Floats, period: Ints
 ) -> Wet:
     """Return the cells with a pressure and their system.
 
@@ -115,7 +115,7 @@ def divergence(grid, u, open_, speed, cells, result):
 
 @njit(cache=True, parallel=True)
 def accelerate(grid, row, p, air, depth, open_, factor, u):
-    """Take the gradient of p [N] [Pa] times `factor`, h / density [m^3 s/kg], from the open faces of u [3, B, 64] that are beside wet cells.
+    """Take the gradient of p [N] [Pa] times `factor`, h / density [m^3 s/kg], from open faces of u [3, B, 64] beside wet cells.
 
     Where a face is at the surface the pressure beyond is `air` [N] of its wet cell. Returns which faces are beside wet cells.
     """
@@ -197,7 +197,9 @@ def _at(near, b, c, i, j, k):
 @njit(cache=True)
 def _curvature(depth):
     """Sum of the principal curvatures [1/spacing] of the level of depth [3, 3, 3] through its middle, positive for a drop."""
-    x, y, z = 0.5 * (depth[2, 1, 1] - depth[0, 1, 1]), 0.5 * (depth[1, 2, 1] - depth[1, 0, 1]), 0.5 * (depth[1, 1, 2] - depth[1, 1, 0])
+    x = 0.5 * (depth[2, 1, 1] - depth[0, 1, 1])
+    y = 0.5 * (depth[1, 2, 1] - depth[1, 0, 1])
+    z = 0.5 * (depth[1, 1, 2] - depth[1, 1, 0])
     xx = depth[2, 1, 1] - 2.0 * depth[1, 1, 1] + depth[0, 1, 1]
     yy = depth[1, 2, 1] - 2.0 * depth[1, 1, 1] + depth[1, 0, 1]
     zz = depth[1, 1, 2] - 2.0 * depth[1, 1, 1] + depth[1, 1, 0]

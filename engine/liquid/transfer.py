@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit, prange
 
 from engine.liquid.grid import COLOURS, SIDE
+from engine.liquid.rheology import newtonian_stress
 
 TILE = SIDE + 3  # cells along a tile
 _PLANE = TILE * TILE
@@ -124,31 +125,52 @@ def add(near, tile, field):
 
 
 @njit(cache=True, parallel=True)
-def to_grid(grid, x, velocity, moment, volume, density, mass, momentum, filled):
+def to_grid(grid, x, velocity, affine, volume, density, h, consistency, stress, mass, momentum, filled):
     """Add particles to the grid: mass [kg] and momentum [kg m/s] to faces [3, B, 64], volume over that of a cell to cells.
 
-    Particles at x [P, 3] [m] have a volume [P] [m^3] at rest, a velocity [P, 3] [m/s] and an affine moment [P, 3, 3]
-    [kg m/s / m]: what of momentum belongs to a node at a distance r from the particle is weight (m v + moment r). Without
-    stress the moment is m times the velocity gradient; moments of stress are added to it (Fei 2019, eq. 14.7).
+    Particles at x [P, 3] [m] have a volume [P] [m^3] at rest, a velocity [P, 3] [m/s] and its gradient `affine` [P, 3, 3] [1/s].
+    With momentum comes the impulse, in a step of h [s], of the shear stress that they have before it (Fei 2019, eq. 14.7): of a
+    Newtonian liquid by its `consistency` [Pa s], of others `stress` [P, 6] [Pa]. Without any these are 0 and [0, 6].
     """
-    share = 1.0 / grid.spacing**3
+    share, lever = 1.0 / grid.spacing**3, 4.0 * h / grid.spacing**2
     for colour in range(COLOURS):
         for t in prange(grid.turns[colour], grid.turns[colour + 1]):
             b = grid.turn[t]
             tiles = np.zeros((7, FIELD))
-            weight, first = np.empty((3, 2, 6)), np.empty((3, 2), np.int64)
+            weight, first, moment = np.empty((3, 2, 6)), np.empty((3, 2), np.int64), np.empty((3, 3))
             for p in range(grid.start[b], grid.start[b + 1]):
                 weigh(x[p], grid.origin, grid.spacing, grid.place[b], weight, first)
                 m = density * volume[p]
                 for a in range(3):
+                    for k in range(3):
+                        moment[a, k] = m * affine[p, a, k]
+                if len(stress):
+                    _take_stress(moment, lever * volume[p], stress[p])
+                elif consistency > 0.0:
+                    _take_stress(moment, lever * volume[p], newtonian_stress(affine[p], consistency))
+                for a in range(3):
                     scatter(tiles[a], weight, first, a, m, 0.0, 0.0, 0.0)
-                    scatter(tiles[3 + a], weight, first, a, m * velocity[p, a], moment[p, a, 0] * grid.spacing,
-                            moment[p, a, 1] * grid.spacing, moment[p, a, 2] * grid.spacing)
+                    scatter(tiles[3 + a], weight, first, a, m * velocity[p, a], moment[a, 0] * grid.spacing,
+                            moment[a, 1] * grid.spacing, moment[a, 2] * grid.spacing)
                 scatter(tiles[6], weight, first, 3, volume[p] * share, 0.0, 0.0, 0.0)
             for a in range(3):
                 add(grid.near[b], tiles[a], mass[a])
                 add(grid.near[b], tiles[3 + a], momentum[a])
             add(grid.near[b], tiles[6], filled)
+
+
+@njit(cache=True, inline="always")
+def _take_stress(moment, factor, s):
+    """Take a symmetric stress [6] times `factor` from a moment [3, 3]."""
+    moment[0, 0] -= factor * s[0]
+    moment[1, 1] -= factor * s[1]
+    moment[2, 2] -= factor * s[2]
+    moment[1, 2] -= factor * s[3]
+    moment[2, 1] -= factor * s[3]
+    moment[0, 2] -= factor * s[4]
+    moment[2, 0] -= factor * s[4]
+    moment[0, 1] -= factor * s[5]
+    moment[1, 0] -= factor * s[5]
 
 
 @njit(cache=True, parallel=True)

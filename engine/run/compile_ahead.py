@@ -22,10 +22,10 @@ SCENE = "quickstart"  # has yarns that slide on each other and on obstacles, and
 def compile_ahead(scene: "Scene", threads: int | None = None) -> subprocess.Popen | None:
     """Start the process for a run of `scene` if the compile cache has no kernel yet, and return it without waiting.
 
-    There is none for strands and liquids, whose kernels it does not know, and where the run may use but one of `threads`, or there is one
-    processor. It ends by itself after half a minute.
-    All that it can lose is time, so what becomes of it does not matter to the run. To be called after `prepare_compile_cache` and
-    before anything is compiled.
+    There is none for strands and liquids, whose kernels it does not know, and where the run may use but one of `threads`, or
+    there is one processor. It ends by itself after half a minute.
+    All that it can lose is time, so what becomes of it does not matter to the run. To be called after
+    `prepare_compile_cache` and before anything is compiled.
     """
     if scene.strands or scene.liquid is not None:
         return None

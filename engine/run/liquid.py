@@ -1,5 +1,7 @@
 """A liquid as the time loop sees it: model, state and stepper of a scene, sources and sinks, and what to observe of it."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -156,5 +158,5 @@ def _append(state: LiquidState, x: NDArray, velocity: NDArray, volume: NDArray) 
 
 def _state_of(arrays: dict[str, NDArray]) -> LiquidState:
     """Return the state that shares no array with those that `arrays` gives."""
-    held = {name.removeprefix("liquid."): values.copy() for name, values in arrays.items()}
-    return LiquidState(**{name: held.get(name) for name in LiquidState.__dataclass_fields__})
+    held: dict[str, Any] = dict.fromkeys(LiquidState.__dataclass_fields__)
+    return LiquidState(**held | {name.removeprefix("liquid."): values.copy() for name, values in arrays.items()})

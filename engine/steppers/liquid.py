@@ -14,7 +14,7 @@ from engine.geometry.solids import Solids
 from engine.liquid import evolve
 from engine.liquid.grid import Grid, sorted_grid, taken
 from engine.liquid.model import LiquidModel, LiquidState
-from engine.liquid.observe import of_cells
+from engine.liquid.observe import of_cells, stressed
 from engine.liquid.pressure import Wet, accelerate, air_pressure, divergence, pressure, spread_outwards, wet_cells
 from engine.liquid.settings import LiquidSettings
 from engine.liquid.shear import add_to_cells, shear_solve
@@ -26,6 +26,7 @@ from engine.steppers.step_report import StepReport, Stopwatch
 
 DIFFUSES = 0.05  # viscosity h / (density spacing^2), below which an explicit step is as good
 SPREAD = 0.5  # of what particles are too dense or too sparse, that a step mends
+NOISE = 0.1  # by which cells near the surface look too full when they are not: with less, liquid swells by up to 1.5 %
 SPREAD_TOLERANCE, SPREAD_LIMIT = 1e-2, 0.1  # of its linear solve; spacings that it moves a particle by, at most
 
 
@@ -57,8 +58,8 @@ class LiquidStepper:
 
     def step(self, state: LiquidState, h: float, begin: Solids | None = None, end: Solids | None = None) -> StepReport:
         """Advance `state` by `h` [s], in which solids move from `begin` to `end`; a rejected step only reorders particles."""
-        report, watch, model, settings = StepReport(), Stopwatch(), self.model, self.settings
-        report.residual = 0.0
+        report, watch = StepReport(), Stopwatch()
+        report.residual, self.flow, self.wet = 0.0, None, None
         if not len(state.x):
             self.order, self.particle_pressure, report.accepted = np.zeros(0, np.int64), np.zeros(0, np.float32), True
             return report
@@ -114,9 +115,10 @@ class LiquidStepper:
         """Map particles to the grid (item 3), with what explicit stress does to them."""
         model = self.model
         mass, u, filled = grid.faces(), grid.faces(), grid.cells()
-        moment = (model.density * state.volume)[:, None, None] * state.affine
-        self._add_explicit_stress(state, h, moment)
-        to_grid(grid, state.x, state.velocity, moment, state.volume, model.density, mass, u, filled)
+        explicit = not self._shear_is_implicit(h)
+        stress = stressed(state.strain, model.shear_modulus) if explicit and state.strain is not None else np.zeros((0, 6))
+        consistency = model.consistency if explicit and not model.elastic else 0.0
+        to_grid(grid, state.x, state.velocity, state.affine, state.volume, model.density, h, consistency, stress, mass, u, filled)
         np.divide(u, mass, out=u, where=mass > 0.0)
         found = open_space(grid) if end is None or begin is None else walls(grid, begin, end, h, model.no_slip, mass)
         fold(found.cell_mirror, filled)
@@ -130,26 +132,6 @@ class LiquidStepper:
         depth = np.empty_like(filled)
         depths(filled, depth)
         return Flow(grid, found, mass, u, filled, depth, compression)
-
-    def _add_explicit_stress(self, state: LiquidState, h: float, moment: Floats) -> None:
-        """Add to particles' moments what shear stress at the start of the step gives (eq. 14.7), where it is explicit."""
-        model = self.model
-        if self._shear_is_implicit(h):
-            return
-        factor = 4.0 * h / model.spacing**2 * state.volume
-        if model.elastic:
-            assert state.strain is not None
-            mean = state.strain[:, :3].mean(axis=1)
-            s = model.shear_modulus * (state.strain - np.outer(mean, [1, 1, 1, 0, 0, 0]))
-            for row, column, entry in ((0, 0, 0), (1, 1, 1), (2, 2, 2), (1, 2, 3), (0, 2, 4), (0, 1, 5)):
-                moment[:, row, column] -= factor * s[:, entry]
-                if row != column:
-                    moment[:, column, row] -= factor * s[:, entry]
-        elif model.consistency > 0.0:
-            rate = 0.5 * (state.affine + state.affine.transpose(0, 2, 1))
-            mean = np.trace(rate, axis1=1, axis2=2) / 3.0
-            rate -= mean[:, None, None] * np.eye(3)
-            moment -= (factor * model.consistency)[:, None, None] * rate
 
     def _shear_is_implicit(self, h: float) -> bool:
         model = self.model
@@ -173,8 +155,8 @@ class LiquidStepper:
 
     def _wet_cells(self, flow: Flow, h: float) -> Wet:
         model, grid = self.model, flow.grid
-        conductance = np.full_like(flow.mass, h / (model.density * model.spacing**2))
-        compliance = np.zeros_like(flow.filled)
+        conductance = np.broadcast_to(h / (model.density * model.spacing**2), flow.mass.shape)
+        compliance = np.broadcast_to(0.0, flow.filled.shape)
         if not model.incompressible:
             compliance = 1.0 / (h * 0.5 * model.bulk_modulus * (flow.compression + 1.0 / flow.compression))
         return wet_cells(grid, flow.filled, flow.depth, flow.walls.open, conductance, compliance, model.period)
@@ -229,7 +211,7 @@ class LiquidStepper:
             return np.zeros((3, 0, 64))
         _, twice = deep(flow.grid, flow.filled, flow.walls.distance)
         excess = flow.filled - 1.0
-        wrong = np.where(twice, excess, np.maximum(excess, 0.0)).reshape(-1)[wet.cell]
+        wrong = np.where(twice, excess, np.maximum(excess - NOISE, 0.0)).reshape(-1)[wet.cell]
         q, _ = pressure(wet, SPREAD * wrong, SPREAD_TOLERANCE, self.settings.max_linear)
         by = flow.grid.faces()
         moved = accelerate(flow.grid, wet.row, q, np.zeros(len(q)), flow.depth, flow.walls.open, h / model.density, by)
@@ -263,5 +245,6 @@ class LiquidStepper:
             evolve.shift(grid, state.x, by, moved)
             state.x = moved
         if begin is not None and end is not None:
-            push_out(grid, flow.walls.near, flow.walls.distance, self.settings.courant + SPREAD_LIMIT, begin, end, h, state.x, state.velocity)
+            moved_by = self.settings.courant + SPREAD_LIMIT
+            push_out(grid, flow.walls.near, flow.walls.distance, moved_by, begin, end, h, state.x, state.velocity)
         evolve.wrap(state.x, model.origin, model.spacing * model.period)
