@@ -48,11 +48,11 @@ def scenes(
                                    for key, scene in rows.items()}))
         return
     table = Table(box=None, pad_edge=False, collapse_padding=True)
-    for column in ("scene", "points", "strands", "vertices", "simulated", "steps", "frames"):
+    for column in ("scene", "points", "strands", "vertices", "particles", "simulated", "steps", "frames"):
         table.add_column(column, justify="left" if column == "scene" else "right", no_wrap=True)
     for key, scene in rows.items():
         guess = estimate(scene)
-        has = (number(count or None) for count in (guess.points, guess.strands, guess.strand_vertices))
+        has = (number(count or None) for count in (guess.points, guess.strands, guess.strand_vertices, guess.particles))
         table.add_row(key, *has, duration(scene.duration), number(guess.steps), number(guess.frames))
     out.print(table)
 
