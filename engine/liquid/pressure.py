@@ -141,9 +141,10 @@ def accelerate(grid, row, p, air, depth, open_, factor, u):
 
 @njit(cache=True, parallel=True)
 def spread_outwards(grid, mass, solved, u):
-    """Give faces that have liquid but no wet cell beside them the mean of those next to them that were solved for.
+    """Change faces that have liquid but no wet cell beside them by the mean of those next to them that pressure changed.
 
-    Returns which faces have a velocity now. Others, of drops that are too small for the grid, keep theirs.
+    `u` [3, B, 64] [m/s] is the change, not the velocity: liquid that turns goes on turning at its surface. Returns which faces
+    are changed now. Others are of drops that are too small for the grid.
     """
     known = solved.copy()
     for b in prange(len(grid.place)):

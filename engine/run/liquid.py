@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from engine.contact.obstacles import motion
 from engine.geometry.solids import Solids, clear_of
 from engine.liquid import observe
+from engine.liquid.evolve import wrap
 from engine.liquid.model import LiquidState
 from engine.liquid.resampling import LARGE, SMALL, merge, split
 from engine.liquid.sinks import leaving
@@ -31,7 +32,7 @@ class LiquidInMotion:
         assert built.liquid is not None and built.liquid_state is not None
         assert built.sources is not None and built.sinks is not None
         self.model, self.state, self.gravity = built.liquid, built.liquid_state, np.asarray(built.gravity, float)
-        self.stepper = LiquidStepper(self.model, self.gravity, built.liquid_settings)
+        self.stepper, self._sampler = (LiquidStepper(self.model, self.gravity, built.liquid_settings) for _ in range(2))
         self.nodes = estimate(scene).particles
         self.report_keys = {"linear_iterations"}
         self.varying = frozenset(f"liquid.{name}" for name, values in vars(self.state).items()
@@ -44,7 +45,7 @@ class LiquidInMotion:
 
     def step(self, time: float, h: float) -> StepReport:
         """Try to advance from `time` by `h` [s]."""
-        return self._advance(self.state, time, h)[0]
+        return self._advance(self.stepper, self.state, time, h)[0]
 
     def arrays(self) -> dict[str, NDArray]:
         """Return the arrays of the liquid's state."""
@@ -86,10 +87,10 @@ class LiquidInMotion:
     def half_step_errors(self, before: dict[str, NDArray], time: float, h: float) -> dict[str, float] | None:
         """Return the largest difference of places `x` [m] to two half steps, of particles that all have."""
         whole, order = _state_of(before), np.arange(len(before["liquid.x"]))
-        _, whole_order = self._advance(whole, time, h)
+        _, whole_order = self._advance(self._sampler, whole, time, h)
         halves = _state_of(before)
         for start in (time, time + h / 2):
-            report, found = self._advance(halves, start, h / 2)
+            report, found = self._advance(self._sampler, halves, start, h / 2)
             if not report.accepted:
                 return None
             order = np.where(found >= 0, np.append(order, -1)[found], -1)
@@ -97,29 +98,34 @@ class LiquidInMotion:
         for which, (state, numbers) in enumerate(((whole, whole_order), (halves, order))):
             places[which, numbers[numbers >= 0]] = state.x[numbers >= 0]
         difference = np.linalg.norm(places[0] - places[1], axis=1)
-        return {"x": float(np.nanmax(difference, initial=0.0))}
+        both = np.isfinite(difference)
+        if len(both) and not both.any():  # all were made anew
+            return None
+        return {"x": float(difference[both].max(initial=0.0))}
 
-    def _advance(self, state: LiquidState, time: float, h: float) -> tuple[StepReport, NDArray]:
+    def _advance(self, stepper: LiquidStepper, state: LiquidState, time: float, h: float) -> tuple[StepReport, NDArray]:
         """Take a step of `state`; returns which of its particles each was before, -1 for new ones, as well."""
         solids = motion(self._obstacles, self._handles, time, h)
-        report = self.stepper.step(state, h, solids.begin, solids.end)
-        order = self.stepper.order
+        report = stepper.step(state, h, solids.begin, solids.end)
+        order = stepper.order
         if report.accepted:
-            order = self._exchange(state, time, h, solids.end, order)
+            order = self._exchange(stepper, state, time, h, solids.end)
         return report, order
 
-    def _exchange(self, state: LiquidState, time: float, h: float, solids: Solids, order: NDArray) -> NDArray:
+    def _exchange(self, stepper: LiquidStepper, state: LiquidState, time: float, h: float, solids: Solids) -> NDArray:
         """Let liquid in and out at the end of a step, and keep particles of about one size; returns their order [P]."""
+        order = stepper.order
         gone = leaving(self._sinks, self.model, state.x)
         if gone.any():
             state.drained = state.drained + state.volume[gone].sum()
             _take(state, ~gone)
             order = order[~gone]
-            self.stepper.particle_pressure = self.stepper.particle_pressure[~gone]
+            stepper.particle_pressure = stepper.particle_pressure[~gone]
         if len(state.emitted):
             came = emitted(self._sources, state.emitted, self._handles, time, h)
             state.emitted = came.layers
             if len(came.x):
+                wrap(came.x, self.model.origin, self.model.spacing * self.model.period)
                 _append(state, came.x, came.velocity, came.volume)
                 order = np.concatenate([order, np.full(len(came.x), -1)])
         volume, fine = state.volume, self._fine_volume

@@ -5,11 +5,11 @@ liquid without elastic strain keeps none, one that is incompressible knows no vo
 `DIFFUSES` of a cell in a step is taken along by the transfer.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from engine.arrays import Floats
+from engine.arrays import Flags, Floats
 from engine.geometry.solids import Solids
 from engine.liquid import evolve
 from engine.liquid.grid import Grid, sorted_grid, taken
@@ -73,9 +73,10 @@ class LiquidStepper:
             return report
         watch.lap("shear")
         wet = self._wet_cells(flow, h)
-        p, solved = self._pressure(flow, wet, h, report)
+        p, change, solved = self._pressure(flow, wet, h, report)
         if not report.reason:
-            known = spread_outwards(grid, flow.mass, solved, flow.u)
+            known = spread_outwards(grid, flow.mass, solved, change)
+            flow.u += change
             reflect(flow.walls.mirror, flow.u)
             fastest = float(np.abs(flow.u[known]).max(initial=0.0))
             self._is_slow_enough(fastest, h, report)
@@ -92,7 +93,8 @@ class LiquidStepper:
 
     def volume(self, state: LiquidState, begin: Solids | None = None, end: Solids | None = None) -> float:
         """Return the volume [m^3] that a liquid takes up among solids that stand still."""
-        flow = self._to_grid(self._sort(state), state, 1.0, begin, end)  # the step is that of velocities, which do not matter
+        sorted_ = replace(state)  # the order of particles is that of the last step, for whoever holds more of them
+        flow = self._to_grid(self._sort(sorted_), sorted_, 1.0, begin, end)  # the step is that of velocities, which do not matter
         return volume_of(flow.grid, flow.filled, flow.walls.distance)
 
     def _is_slow_enough(self, fastest: float, h: float, report: StepReport) -> bool:
@@ -161,8 +163,8 @@ class LiquidStepper:
             compliance = 1.0 / (h * 0.5 * model.bulk_modulus * (flow.compression + 1.0 / flow.compression))
         return wet_cells(grid, flow.filled, flow.depth, flow.walls.open, conductance, compliance, model.period)
 
-    def _pressure(self, flow: Flow, wet: Wet, h: float, report: StepReport) -> tuple[Floats, np.ndarray]:
-        """Solve for the pressure and let it act (eq. 14.31); returns it [N] [Pa] and which faces it acted on."""
+    def _pressure(self, flow: Flow, wet: Wet, h: float, report: StepReport) -> tuple[Floats, Floats, Flags]:
+        """Solve for the pressure (eq. 14.31); returns it [N] [Pa], how it changes faces [m/s], and which of them it acts on."""
         model, settings = self.model, self.settings
         air = air_pressure(wet, flow.depth, model.surface_tension, flow.grid)
         if model.incompressible or settings.pressure == "implicit":
@@ -172,7 +174,7 @@ class LiquidStepper:
             if not model.incompressible:
                 load += self._pressure_of_compression(flow, wet) / (h * self._stiffness(flow, wet))
             if model.surface_tension > 0.0:
-                load += self._from_air(wet, air)
+                load += self._from_air(flow, wet, air, h)
             p, how = pressure(wet, load, settings.pressure_tolerance, settings.max_linear)
             report.linear_iterations += how.iterations
             report.residual = max(report.residual, how.residual)
@@ -180,7 +182,8 @@ class LiquidStepper:
                 report.reason = f"pressure did not converge: {how.residual:.2g} left of it after {how.iterations} iterations"
         else:
             p = self._pressure_of_compression(flow, wet)
-        return p, accelerate(flow.grid, wet.row, p, air, flow.depth, flow.walls.open, h / model.density, flow.u)
+        change = flow.grid.faces()
+        return p, change, accelerate(flow.grid, wet.row, p, air, flow.depth, flow.walls.open, h / model.density, change)
 
     def _pressure_of_compression(self, flow: Flow, wet: Wet) -> Floats:
         """Return the pressure of wet cells [N] [Pa] before the step (eq. 13.8 with eq. 13.4)."""
@@ -191,14 +194,18 @@ class LiquidStepper:
         volume = flow.compression.reshape(-1)[wet.cell]
         return 0.5 * self.model.bulk_modulus * (volume + 1.0 / volume)
 
-    @staticmethod
-    def _from_air(wet: Wet, air: Floats) -> Floats:
-        """Return what a pressure of the air [N] [Pa] adds to the load: its conductances are what diagonals have beyond rows."""
+    def _from_air(self, flow: Flow, wet: Wet, air: Floats, h: float) -> Floats:
+        """Return what a pressure of the air [N] [Pa] adds to the load.
+
+        Its conductances are what diagonals have beyond rows and what compresses.
+        """
         system = wet.system
         inner = system.coupling.sum(axis=1)
         for axis in range(3):
             before = system.beside[:, 2 * axis]
             inner += np.where(before >= 0, system.coupling[before, axis], 0.0)
+        if not self.model.incompressible:
+            inner += 1.0 / (h * self._stiffness(flow, wet))
         return (system.diagonal - inner) * air
 
     def _spread(self, flow: Flow, wet: Wet, h: float) -> Floats:

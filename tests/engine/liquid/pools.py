@@ -6,6 +6,7 @@ from engine.geometry.signed_distance import PLANE
 from engine.geometry.solids import Solids
 from engine.liquid.grid import CELLS, SIDE
 from engine.liquid.model import LiquidModel, LiquidState
+from engine.liquid.transfer import to_grid
 
 SPACING = 0.01
 CREAM = {"density": 80.0, "bulk_modulus": 1e5, "shear_modulus": 300.0, "yield_stress": 30.0, "consistency": 8.0, "flow_index": 0.5}
@@ -38,6 +39,15 @@ def particles(model: LiquidModel, x, volume=(SPACING / 2) ** 3, velocity=0.0) ->
         compression=None if model.incompressible else np.ones(count), plastic_strain=np.zeros(count) if model.elastic else None,
         emitted=np.zeros(0, np.int64), drained=np.zeros(1),
     )
+
+
+def on_grid(grid, x, volume, density=1.0, velocity=None):
+    """Mass and momentum of faces and filled shares of cells, of particles of one volume sorted on their grid."""
+    mass, momentum, filled, count = grid.faces(), grid.faces(), grid.cells(), len(x)
+    velocity = np.zeros((count, 3)) if velocity is None else velocity
+    to_grid(grid, x, velocity, np.zeros((count, 3, 3)), np.full(count, volume), density, 0.0, 0.0, np.zeros((0, 6)),
+            mass, momentum, filled)
+    return mass, momentum, filled
 
 
 def planes(*sides) -> Solids:

@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 
 from engine.liquid.grid import sorted_grid, taken
 from engine.liquid.surface import FAR, deep, depth_of, depths, seen, volume
-from engine.liquid.transfer import to_grid
 from engine.liquid.walls import fold, open_space, walls
-from tests.engine.liquid.pools import SPACING, cells_of, centres, lattice, liquid, tank
+from tests.engine.liquid.pools import SPACING, cells_of, centres, lattice, liquid, on_grid, tank
 
 FINE = (SPACING / 2) ** 3
 
@@ -17,9 +16,8 @@ FINE = (SPACING / 2) ** 3
 def filled_by(x, volumes=FINE, model=None):
     model = model or liquid()
     grid, order = sorted_grid(model, x)
-    x, count = taken(x, order), len(x)
-    mass, momentum, filled = grid.faces(), grid.faces(), grid.cells()
-    to_grid(grid, x, np.zeros((count, 3)), np.zeros((count, 3, 3)), np.full(count, volumes), 1.0, mass, momentum, filled)
+    x = taken(x, order)
+    mass, _, filled = on_grid(grid, x, volumes)
     return grid, mass, filled
 
 

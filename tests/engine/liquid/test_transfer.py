@@ -12,6 +12,7 @@ from tests.engine.threads import on_one_and_two_threads
 
 ORIGIN = np.array([-0.013, 0.002, 0.5])
 DENSITY = 900.0
+NO_STRESS = np.zeros((0, 6))
 PERIODS = st.sampled_from([(0, 0, 0), (8, 0, 0), (4, 0, 8), (4, 4, 4)])
 
 
@@ -26,15 +27,20 @@ class Cloud:
         self.grid, order = sorted_grid(self.model, x)
         self.x = taken(x, order)
         self.volume = SPACING**3 * rng.uniform(0.05, 0.3, count)
-        self.velocity, self.moment = rng.normal(size=(count, 3)), rng.normal(size=(count, 3, 3)) * 1e-4
+        self.velocity, self.affine = rng.normal(size=(count, 3)), rng.normal(size=(count, 3, 3)) / SPACING
 
     @property
     def mass(self):
         return DENSITY * self.volume
 
-    def on_grid(self):
+    @property
+    def moment(self):
+        return self.mass[:, None, None] * self.affine
+
+    def on_grid(self, h=0.0, consistency=0.0, stress=NO_STRESS):
         mass, momentum, filled = self.grid.faces(), self.grid.faces(), self.grid.cells()
-        to_grid(self.grid, self.x, self.velocity, self.moment, self.volume, DENSITY, mass, momentum, filled)
+        to_grid(self.grid, self.x, self.velocity, self.affine, self.volume, DENSITY, h, consistency, stress,
+                mass, momentum, filled)
         return mass, momentum, filled
 
     def weights(self, nodes):
@@ -98,7 +104,7 @@ def test_mass_and_momentum_are_kept_both_ways(seed, count, period):
         assert momentum[a].sum() == pytest.approx(cloud.mass @ cloud.velocity[:, a], abs=1e-12 * size)
     assert filled.sum() == pytest.approx(cloud.volume.sum() / SPACING**3, rel=1e-12)
     u = np.divide(momentum, mass, out=np.zeros_like(mass), where=mass > 0)
-    velocity, affine = np.empty_like(cloud.velocity), np.empty_like(cloud.moment)
+    velocity, affine = np.empty_like(cloud.velocity), np.empty_like(cloud.affine)
     to_particles(cloud.grid, cloud.x, u, velocity, affine)
     assert np.abs(cloud.mass @ velocity - momentum.sum(axis=(1, 2))).max() <= 1e-12 * size
     if not any(period):  # where space repeats there is no angular momentum
@@ -123,9 +129,29 @@ def test_affine_fields_come_back_exactly(seed, count):
     to_particles(cloud.grid, cloud.x, u, velocity, affine)
     close(velocity, field(cloud.x))
     np.testing.assert_allclose(affine, np.broadcast_to(gradient, affine.shape), atol=1e-11)
-    cloud.velocity, cloud.moment = velocity, cloud.mass[:, None, None] * affine
+    cloud.velocity, cloud.affine = velocity, affine
     mass, momentum, _ = cloud.on_grid()
     close(momentum, mass * u)
+
+
+@pytest.mark.parametrize("newtonian", [False, True])
+def test_stress_gives_its_impulse(newtonian):
+    """By a slope of splines of 4 / spacing^2 times spline and distance, that of the affine transfer."""
+    cloud, h = Cloud(5, 12), 0.01
+    if newtonian:
+        rate = 0.5 * (cloud.affine + cloud.affine.transpose(0, 2, 1))
+        full = 7.0 * (rate - np.trace(rate, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3))
+        stressed = cloud.on_grid(h, consistency=7.0)
+    else:
+        s = np.random.default_rng(1).normal(size=(12, 6))
+        full = s[:, np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])]
+        stressed = cloud.on_grid(h, stress=s)
+    plain = cloud.on_grid()
+    assert np.array_equal(stressed[0], plain[0]) and np.array_equal(stressed[2], plain[2])
+    for a in range(3):
+        weight, apart = cloud.weights(face_centres(cloud.grid, a))
+        impulse = -h * 4.0 / SPACING**2 * np.einsum("bcp,bcpk,pk,p->bc", weight, apart, full[:, a], cloud.volume)
+        np.testing.assert_allclose(stressed[1][a] - plain[1][a], impulse, atol=1e-12 * np.abs(stressed[1]).max())
 
 
 def test_tiles_are_copies_and_add_up():
@@ -152,7 +178,7 @@ def test_a_particle_at_any_edge_of_its_block_stays_on_its_tile():
         grid, order = sorted_grid(model, x)
         x, ones = taken(x, order), np.ones(len(x))
         mass, momentum, filled = grid.faces(), grid.faces(), grid.cells()
-        to_grid(grid, x, np.zeros((len(x), 3)), np.zeros((len(x), 3, 3)), ones, 1.0, mass, momentum, filled)
+        to_grid(grid, x, np.zeros((len(x), 3)), np.zeros((len(x), 3, 3)), ones, 1.0, 0.0, 0.0, NO_STRESS, mass, momentum, filled)
         assert mass.sum() == pytest.approx(3 * len(x), rel=1e-12) and mass.min() >= 0.0
         middle = np.array([(mass[a][..., None] * face_centres(grid, a)).sum(axis=(0, 1)) for a in range(3)])
         np.testing.assert_allclose(middle, np.broadcast_to(x.sum(axis=0), (3, 3)), atol=1e-9)
@@ -163,7 +189,7 @@ def test_the_same_bits_on_any_number_of_threads():
 
     def there_and_back():
         mass, momentum, filled = cloud.on_grid()
-        velocity, affine = np.empty_like(cloud.velocity), np.empty_like(cloud.moment)
+        velocity, affine = np.empty_like(cloud.velocity), np.empty_like(cloud.affine)
         to_particles(cloud.grid, cloud.x, momentum, velocity, affine)
         return mass, momentum, filled, velocity, affine
 
