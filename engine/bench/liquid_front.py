@@ -11,7 +11,7 @@ from engine.bench.choices import rows, tried
 from engine.bench.suite import Measurement, Note, benchmark
 from engine.scene.liquid_materials import LiquidMaterial
 from engine.validate import liquid_film, liquid_volume
-from engine.validate.liquids import EARTH
+from engine.validate.liquids import EARTH, PER_SIDE
 
 FILM_CELLS, FILM_COURANTS = (8, 16, 32), (0.5, 0.25)
 FRONT_CELLS, FRONT_COURANTS = (4, 8, 16), (0.8, 0.4)
@@ -77,7 +77,7 @@ def fronts(cells: int, courant: float, time: Floats) -> Floats:
         steps = max(round(span / h), 1)
         for _ in range(steps):
             vessel.reach(span / steps)
-        found[n] = vessel.state.x[:, 0].max() / BREADTH
+        found[n] = vessel.state.x[:, 0].max() / BREADTH + 0.5 / (PER_SIDE * cells)
     return found
 
 

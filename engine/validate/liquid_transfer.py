@@ -75,8 +75,7 @@ def _particles(count: int, random: np.random.Generator) -> tuple[LiquidModel, Fl
 def _faces(grid: Grid, model: LiquidModel, x: Floats, volume: Floats, velocity: Floats, affine: Floats) -> tuple[Floats, Floats]:
     """Mass [kg] and velocity [m/s] of faces [3, B, 64]."""
     mass, momentum, filled = grid.faces(), grid.faces(), grid.cells()
-    moment = (model.density * volume)[:, None, None] * affine
-    to_grid(grid, x, velocity, moment, volume, model.density, mass, momentum, filled)
+    to_grid(grid, x, velocity, affine, volume, model.density, 0.0, 0.0, np.zeros((0, 6)), mass, momentum, filled)
     return mass, np.divide(momentum, mass, out=momentum, where=mass > 0.0)
 
 

@@ -16,8 +16,8 @@ def test_a_liquid_is_at_its_bar(case):
 
 
 def test_a_face_without_its_share_of_momentum_would_be_noticed(monkeypatch):
-    def leaky(grid, x, velocity, moment, *rest):
-        liquid_transfer_to_grid(grid, x, velocity, (1.0 + 1e-6) * moment, *rest)
+    def leaky(grid, x, velocity, affine, *rest):
+        liquid_transfer_to_grid(grid, x, velocity, (1.0 + 1e-6) * affine, *rest)
 
     liquid_transfer_to_grid = liquid_transfer.to_grid
     monkeypatch.setattr(liquid_transfer, "to_grid", leaky)
