@@ -14,6 +14,8 @@ from engine.liquid.rheology import (
 )
 from engine.liquid.transfer import FIELD, gather, load, weigh
 
+ROUND_OFF = 1e-15  # of a period
+
 
 @njit(cache=True, parallel=True)
 def flow(affine, h, shear_modulus, yield_norm, consistency, flow_index, recovery_rate, implicit, strain, history):
@@ -91,10 +93,13 @@ def shift(grid, x, by, moved):
 
 @njit(cache=True, parallel=True)
 def wrap(x, origin, length):
-    """Bring x [P, 3] [m] back within the period `length` [3] [m] of space, 0 where it has none."""
+    """Bring x [P, 3] [m] back within the period `length` [3] [m] of space, 0 where it has none.
+
+    What round-off leaves at or beyond its ends is put at its beginning, so that it lies in a block of the period.
+    """
     for p in prange(len(x)):
         for k in range(3):
             if length[k] > 0.0:
                 x[p, k] -= length[k] * np.floor((x[p, k] - origin[k]) / length[k])
-                if x[p, k] >= origin[k] + length[k]:  # of what was below by round-off
+                if not 0.0 <= x[p, k] - origin[k] < (1.0 - ROUND_OFF) * length[k]:
                     x[p, k] = origin[k]

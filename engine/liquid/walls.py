@@ -2,8 +2,9 @@
 
 Open shares of faces are those that a plane leaves (Batty 2007's cut cells); where solids curve, the error is of second order in
 the spacing. A face behind a wall has the velocity with which a particle between both meets the wall's: the mirror image of the
-velocity at as much before the wall, turned about where liquid sticks, and only its part along the normal where it slips. So
-velocities between faces take their value at the wall where the wall is, not at the next face.
+velocity at as much before the wall, turned about where liquid sticks, and only its part along the normal where it slips. An
+image too near to the wall to lie among faces before it is moved off, and counts in proportion. So velocities between faces take
+their value at the wall where the wall is, not at the next face, and those that grow evenly from the wall on are exact.
 """
 
 from typing import NamedTuple
@@ -18,7 +19,7 @@ from engine.liquid.grid import CELLS, SIDE, Grid, Indices
 ON = 1e-6  # spacings within which a face is on a wall
 REACH = 4.0  # spacings before a wall, up to which distances are told apart
 DIAGONAL = 1.0  # more than the spacings from a cell's centre to its corner
-IMAGES = 3  # walls that meet in a corner, each of which mirrors
+IMAGES = 3  # walls that meet in a corner, each of which mirrors, and pushes out
 
 
 class Walls(NamedTuple):
@@ -133,7 +134,7 @@ def collect_mass(mirror, mass):
                 flat[mirror.parent[g, m]] += abs(mirror.weight[g, m]) / total * flat[mirror.face[g]]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _centre(grid, b, c, axis, x):
     """Write the centre of a cell, or of its lower face across `axis`."""
     x[0] = grid.origin[0] + grid.spacing * (SIDE * grid.place[b, 0] + c // 16 + 0.5)
@@ -143,7 +144,7 @@ def _centre(grid, b, c, axis, x):
         x[axis] -= 0.5 * grid.spacing
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _cell_of(grid, b, x):
     """Number of the cell of a block that x is in, or is nearest to."""
     cell = 0
@@ -275,12 +276,15 @@ def _write_mirror(grid, begin, end, h, behind, no_slip, before, parent, weight, 
             distance, o = nearest(end, x, normal)
             velocity_of(begin, end, o, x, h, velocity)
             across = row[0] * normal[0] + row[1] * normal[1] + row[2] * normal[2]
+            # so far that the faces around the image are before the wall as well: up to there velocities fall evenly to the wall's
+            away = max(-distance, grid.spacing * (abs(normal[0]) + abs(normal[1]) + abs(normal[2])))
+            share = -distance / away
             for m in range(3):
-                # behind = 2 wall - before where liquid sticks, before - 2 n n.(before - wall) where it slips
-                turned = -row[m] if no_slip else row[m] - 2.0 * across * normal[m]
+                # behind = wall - share (before - wall) where liquid sticks, before - (1 + share) n n.(before - wall) where it slips
+                turned = -share * row[m] if no_slip else row[m] - (1.0 + share) * across * normal[m]
                 given[g] += (row[m] - turned) * velocity[m]
                 row[m] = turned
-                x[m] -= 2.0 * distance * normal[m]
+                x[m] += (away - distance) * normal[m]
             if nearest(end, x, normal)[0] >= 0.0:
                 break
         for m in range(3):
@@ -364,8 +368,10 @@ def push_out(grid, near, cell_distance, moved, begin, end, h, x, velocity):
         for p in range(grid.start[b], grid.start[b + 1]):
             if cell_distance[b, _cell_of(grid, b, x[p])] > safe:
                 continue
-            distance, o = nearest(end, x[p], normal)
-            if distance < 0.0:
+            for _ in range(IMAGES):
+                distance, o = nearest(end, x[p], normal)
+                if distance >= 0.0:
+                    break
                 velocity_of(begin, end, o, x[p], h, wall)
                 inward = 0.0
                 for k in range(3):
