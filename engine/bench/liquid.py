@@ -191,6 +191,6 @@ def _sort(model: LiquidModel, state: LiquidState) -> Grid:
 def _to_grid(grid: Grid, model: LiquidModel, state: LiquidState) -> tuple[Floats, Floats, Floats]:
     """Mass and momentum of faces [3, B, 64], and what is filled of cells [B, 64]."""
     mass, momentum, filled = grid.faces(), grid.faces(), grid.cells()
-    moment = (model.density * state.volume)[:, None, None] * state.affine
-    to_grid(grid, state.x, state.velocity, moment, state.volume, model.density, mass, momentum, filled)
+    to_grid(grid, state.x, state.velocity, state.affine, state.volume, model.density, 0.0, 0.0, np.zeros((0, 6)), mass, momentum,
+            filled)
     return mass, momentum, filled

@@ -31,7 +31,7 @@ MOST, LEAST = 1.5, 0.005  # Courant numbers of the speed at the start, with whic
 HALVINGS = 3  # of the ratio 2 between a stable step and one that is not
 
 
-@case("liq-stability", bar=1.0, summary="1.24 over the largest stable Courant number of falling cream and mud (Fei 2019, Fig. 14.1)")
+@case("liq-stability", bar=1.0, summary="1.24 over the largest stable Courant number of a fall of cream and mud (Fei 2019)")
 def stability(quick: bool) -> CaseResult:
     """The worst of the semi-implicit integrator over liquids and grids; rows tell those of the others."""
     rows: list[Row] = []
