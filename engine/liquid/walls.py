@@ -2,9 +2,8 @@
 
 Open shares of faces are those that a plane leaves (Batty 2007's cut cells); where solids curve, the error is of second order in
 the spacing. A face behind a wall has the velocity with which a particle between both meets the wall's: the mirror image of the
-velocity at as much before the wall, turned about where liquid sticks, and only its part along the normal where it slips. An
-image too near to the wall to lie among faces before it is moved off, and counts in proportion. So velocities between faces take
-their value at the wall where the wall is, not at the next face, and those that grow evenly from the wall on are exact.
+velocity at as much before the wall, turned about where liquid sticks, and only its part along the normal where it slips. So
+velocities between faces take their value at the wall where the wall is, not at the next face.
 """
 
 from typing import NamedTuple
@@ -276,15 +275,12 @@ def _write_mirror(grid, begin, end, h, behind, no_slip, before, parent, weight, 
             distance, o = nearest(end, x, normal)
             velocity_of(begin, end, o, x, h, velocity)
             across = row[0] * normal[0] + row[1] * normal[1] + row[2] * normal[2]
-            # so far that the faces around the image are before the wall as well: up to there velocities fall evenly to the wall's
-            away = max(-distance, grid.spacing * (abs(normal[0]) + abs(normal[1]) + abs(normal[2])))
-            share = -distance / away
             for m in range(3):
-                # behind = wall - share (before - wall) where liquid sticks, before - (1 + share) n n.(before - wall) where it slips
-                turned = -share * row[m] if no_slip else row[m] - (1.0 + share) * across * normal[m]
+                # behind = 2 wall - before where liquid sticks, before - 2 n n.(before - wall) where it slips
+                turned = -row[m] if no_slip else row[m] - 2.0 * across * normal[m]
                 given[g] += (row[m] - turned) * velocity[m]
                 row[m] = turned
-                x[m] += (away - distance) * normal[m]
+                x[m] -= 2.0 * distance * normal[m]
             if nearest(end, x, normal)[0] >= 0.0:
                 break
         for m in range(3):

@@ -111,20 +111,36 @@ def test_a_block_below_yield_comes_to_rest_and_does_not_creep():
     model = liquid(**FOAM | {"no_slip": True, "period": (4, 4, 0)})
     state = particles(model, lattice((0, 0, 0), (0.04, 0.04, 0.08)))
     floor = planes(((0, 0, 0), (0, 0, 1)))
-    advance(model, state, 5e-3, 40, (1.0, 0.0, -9.0), floor)
-    assert state.plastic_strain.max() < 1e-12
+    advance(model, state, 8e-3, 120, (1.0, 0.0, -9.0), floor)
     place = state.x[:, 0].mean()
-    advance(model, state, 5e-3, 10, (1.0, 0.0, -9.0), floor)
-    assert state.plastic_strain.max() < 1e-12 and abs(state.x[:, 0].mean() - place) < 2e-5
-    assert 0.0 < np.abs(state.strain[:, 4]).max() < 2 * 80.0 * 0.08 / 300.0
+    advance(model, state, 8e-3, 20, (1.0, 0.0, -9.0), floor)
+    assert not state.plastic_strain.any() and abs(state.x[:, 0].mean() - place) < 2e-5
+    np.testing.assert_allclose(300.0 * state.strain[:, 4], 80.0 * (0.08 - state.x[:, 2]), atol=0.1 * 80.0 * 0.08)
+
+
+@pytest.mark.xfail(strict=True, reason="cells that a wall cuts are not full without what is beyond it")
+def test_liquid_stands_on_a_floor_in_the_midst_of_cells():
+    model = liquid(period=(4, 4, 0))
+    state = particles(model, lattice((0, 0, 0.005), (0.04, 0.04, 0.085)))
+    advance(model, state, 4e-3, 60, (0.0, 0.0, -9.81), planes(((0, 0, 0.005), (0, 0, 1))))
+    assert state.x[:, 2].mean() == pytest.approx(0.045, abs=0.05 * SPACING)
+
+
+def test_liquid_stands_on_a_floor_between_cells():
+    model = liquid(period=(4, 4, 0))
+    state = particles(model, lattice((0, 0, 0), (0.04, 0.04, 0.085)))
+    advance(model, state, 4e-3, 60, (0.0, 0.0, -9.81), planes(((0, 0, 0), (0, 0, 1))))
+    assert state.x[:, 2].mean() == pytest.approx(0.0425, abs=0.05 * SPACING)
+    assert np.abs(state.velocity).max() < 1e-3 * np.sqrt(9.81 * 0.085)
 
 
 def test_a_drop_is_held_together_by_its_surface():
     model = liquid(surface_tension=0.07)
-    state = particles(model, ball(0.035))
+    x = lattice((-0.08,) * 3, (0.08,) * 3)
+    state = particles(model, x[np.linalg.norm(x, axis=1) < 0.07])
     stepper, _ = advance(model, state, 1e-4, 1, pressure_tolerance=1e-8)
     radius = np.cbrt(0.75 / np.pi * state.volume.sum())
-    deep = np.linalg.norm(state.x, axis=1) < 0.02
+    deep = np.linalg.norm(state.x, axis=1) < 0.05
     np.testing.assert_allclose(stepper.particle_pressure[deep].mean(), 2 * 0.07 / radius, rtol=0.08)
 
 
