@@ -22,7 +22,7 @@ def create_app(service: Service) -> FastAPI:
 
     app = FastAPI(
         lifespan=lifespan, title="Strandline", version="1", docs_url=None, redoc_url=None, openapi_url="/openapi.json",
-        description="Simulates yarns and strands as jobs: submit a scene, follow it, fetch frames, recording and report.")
+        description="Simulates yarns, strands and liquids as jobs: submit a scene, follow it, fetch frames, recording, report.")
     app.state.service = service
     app.include_router(api.router)
     app.include_router(api.health)

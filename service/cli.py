@@ -6,8 +6,8 @@ from service.commands import checks, client, info, picture, run, serve
 
 main = typer.Typer(
     name="strandline", no_args_is_help=True, pretty_exceptions_show_locals=False, rich_markup_mode="markdown",
-    help="Simulates yarns that slide on each other, and strands: a scene in, a browser view, a recording, and a report of speed "
-         "against error out. `strandline demo` shows all of it.")
+    help="Simulates yarns that slide on each other, strands and liquids: a scene in, a browser view, a recording, and a report "
+         "of speed against error out. `strandline demo` shows all of it.")
 main.command()(run.run)
 main.command()(serve.serve)
 main.command()(serve.demo)

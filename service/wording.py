@@ -7,7 +7,8 @@ LABELS = {
     "lagrangian": "Lagrangian", "eol_intra": "EoL within a fabric", "eol_inter": "EoL between fabrics",
     "eol_inter_max": "EoL between fabrics, most", "eil": "EIL", "eil_max": "EIL, most", "contacts": "contacts",
     "contacts_max": "contacts between fabrics or strands, most", "strand_vertices": "vertices of strands",
-    "collisions": "pairs that collide", "collisions_max": "pairs that collide, most",
+    "particles": "particles of liquid", "particles_max": "particles of liquid, most", "grid_cells": "cells of the grid",
+    "grid_cells_max": "cells of the grid, most", "collisions": "pairs that collide", "collisions_max": "pairs that collide, most",
     "simulated_s": "simulated", "steps": "steps", "rejected_steps": "rejected steps", "dt_default": "default step",
     "dt_min": "smallest step", "compile_s": "compiling", "wall_s": "wall time", "s_per_step": "one step",
     "newton_residual_max": "Newton residual, largest", "newton_iterations": "Newton iterations",
@@ -62,7 +63,9 @@ def number(value: float | None) -> str:
 
 
 def extent(estimate: dict[str, int]) -> str:
-    """Return how large a scene is, from the estimate of its size: `231 517 points`, `100 strands with 1 600 vertices`."""
+    """Return how large a scene is: `231 517 points`, `100 strands with 1 600 vertices`, `up to 37 000 particles`."""
+    if particles := estimate.get("particles", 0):
+        return f"up to {number(particles)} particles"
     strands, vertices = estimate.get("strands", 0), estimate.get("strand_vertices", 0)
     if vertices:
         return f"{number(strands)} {'strand' if strands == 1 else 'strands'} with {number(vertices)} vertices"

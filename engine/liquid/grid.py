@@ -209,7 +209,7 @@ def taken(values, order):
     return result.reshape(values.shape)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def beside(near, cell, axis, step):
     """Return block and number of the cell one before (step -1) or behind (1) along an axis; the block is -1 where none is.
 

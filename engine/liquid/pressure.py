@@ -64,7 +64,7 @@ def _has_open_face(grid, open_):
     return result
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _way(depth, beside_depth):
     """Share of the way from a wet cell to the one beside it that is in the liquid."""
     return max(depth / (depth - beside_depth), LEAST_WAY) if depth > 0.0 else LEAST_WAY

@@ -133,7 +133,7 @@ def collect_mass(mirror, mass):
                 flat[mirror.parent[g, m]] += abs(mirror.weight[g, m]) / total * flat[mirror.face[g]]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _centre(grid, b, c, axis, x):
     """Write the centre of a cell, or of its lower face across `axis`."""
     x[0] = grid.origin[0] + grid.spacing * (SIDE * grid.place[b, 0] + c // 16 + 0.5)
@@ -143,7 +143,7 @@ def _centre(grid, b, c, axis, x):
         x[axis] -= 0.5 * grid.spacing
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _cell_of(grid, b, x):
     """Number of the cell of a block that x is in, or is nearest to."""
     cell = 0

@@ -77,6 +77,7 @@ class LiquidStepper:
         if not report.reason:
             known = spread_outwards(grid, flow.mass, solved, change)
             flow.u += change
+            rate = self._divergence(flow, wet)  # before faces behind walls become mirror images, which let liquid through
             reflect(flow.walls.mirror, flow.u)
             fastest = float(np.abs(flow.u[known]).max(initial=0.0))
             self._is_slow_enough(fastest, h, report)
@@ -85,7 +86,7 @@ class LiquidStepper:
             return report
         by = self._spread(flow, wet, h)
         watch.lap("spread")
-        self._to_particles(flow, wet, p, state, h, begin, end, by)
+        self._to_particles(flow, wet, p, rate, state, h, begin, end, by)
         watch.lap("to particles")
         self.flow, self.wet, self.pressure = flow, wet, p
         report.stages, report.accepted = watch.laps, True
@@ -168,9 +169,7 @@ class LiquidStepper:
         model, settings = self.model, self.settings
         air = air_pressure(wet, flow.depth, model.surface_tension, flow.grid)
         if model.incompressible or settings.pressure == "implicit":
-            load = np.empty(len(wet.cell))
-            divergence(flow.grid, flow.u, flow.walls.open, flow.walls.speed, wet.cell, load)
-            load *= -1.0
+            load = -self._divergence(flow, wet)
             if not model.incompressible:
                 load += self._pressure_of_compression(flow, wet) / (h * self._stiffness(flow, wet))
             if model.surface_tension > 0.0:
@@ -184,6 +183,13 @@ class LiquidStepper:
             p = self._pressure_of_compression(flow, wet)
         change = flow.grid.faces()
         return p, change, accelerate(flow.grid, wet.row, p, air, flow.depth, flow.walls.open, h / model.density, change)
+
+    @staticmethod
+    def _divergence(flow: Flow, wet: Wet) -> Floats:
+        """Return the divergence of velocity in wet cells [N] [1/s]."""
+        rate = np.empty(len(wet.cell))
+        divergence(flow.grid, flow.u, flow.walls.open, flow.walls.speed, wet.cell, rate)
+        return rate
 
     def _pressure_of_compression(self, flow: Flow, wet: Wet) -> Floats:
         """Return the pressure of wet cells [N] [Pa] before the step (eq. 13.8 with eq. 13.4)."""
@@ -227,19 +233,21 @@ class LiquidStepper:
         return np.clip(by, -limit, limit)
 
     def _to_particles(
-        self, flow: Flow, wet: Wet, p: Floats, state: LiquidState, h: float, begin: Solids | None, end: Solids | None, by: Floats
+        self, flow: Flow, wet: Wet, p: Floats, rate: Floats, state: LiquidState, h: float, begin: Solids | None,
+        end: Solids | None, by: Floats,
     ) -> None:
-        """Map velocities back, strain particles and move them (items 7 to 12)."""
+        """Map velocities back, strain particles and move them (items 7 to 12).
+
+        `p` [N] [Pa] and `rate` [N] [1/s] are pressure and divergence of wet cells, `by` displacements of faces [m].
+        """
         model, grid = self.model, flow.grid
         to_particles(grid, state.x, flow.u, state.velocity, state.affine)
         self.particle_pressure = np.empty(len(state.x), np.float32)
         of_cells(grid, state.x, wet.row, p, self.particle_pressure)
         if state.compression is not None:
-            rate, wets = grid.cells(), grid.cells()
-            found = np.empty(len(wet.cell))
-            divergence(grid, flow.u, flow.walls.open, flow.walls.speed, wet.cell, found)
-            rate.reshape(-1)[wet.cell], wets.reshape(-1)[wet.cell] = found, 1.0
-            evolve.swell(grid, state.x, rate, wets, h, state.compression)
+            rates, wets = grid.cells(), grid.cells()
+            rates.reshape(-1)[wet.cell], wets.reshape(-1)[wet.cell] = rate, 1.0
+            evolve.swell(grid, state.x, rates, wets, h, state.compression)
         if model.elastic:
             evolve.flow(state.affine, h, model.shear_modulus, np.sqrt(2.0 / 3.0) * model.yield_stress, model.consistency,
                         model.flow_index, model.recovery_rate, self.settings.plastic_flow == "implicit", state.strain,

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from service.terminal import DEFAULT_DATA, EXIT_INVALID, fail, out
-from service.wording import duration, label, number, size
+from service.wording import duration, extent, label, number, size
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "h5py", "pydantic", "fastapi", "uvicorn", "viser", "rerun-sdk")
 PORTS = (8765, 8766)
@@ -48,12 +48,11 @@ def scenes(
                                    for key, scene in rows.items()}))
         return
     table = Table(box=None, pad_edge=False, collapse_padding=True)
-    for column in ("scene", "points", "strands", "vertices", "simulated", "steps", "frames"):
+    for column in ("scene", "size", "simulated", "steps", "frames"):
         table.add_column(column, justify="left" if column == "scene" else "right", no_wrap=True)
     for key, scene in rows.items():
         guess = estimate(scene)
-        has = (number(count or None) for count in (guess.points, guess.strands, guess.strand_vertices))
-        table.add_row(key, *has, duration(scene.duration), number(guess.steps), number(guess.frames))
+        table.add_row(key, extent(vars(guess)), duration(scene.duration), number(guess.steps), number(guess.frames))
     out.print(table)
 
 
