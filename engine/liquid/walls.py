@@ -3,8 +3,7 @@
 Open shares of faces are those that a plane leaves (Batty 2007's cut cells); where solids curve, the error is of second order in
 the spacing. A face behind a wall has the velocity with which a particle between both meets the wall's: the mirror image of the
 velocity at as much before the wall, turned about where liquid sticks, and only its part along the normal where it slips. So
-velocities between faces take their value at the wall where the wall is, not at the next face; and what the solve for shear
-varies vanishes there, without which stress would leak into the wall.
+velocities between faces take their value at the wall where the wall is, not at the next face.
 """
 
 from typing import NamedTuple
