@@ -117,7 +117,8 @@ def divergence(grid, u, open_, speed, cells, result):
 def accelerate(grid, row, p, air, depth, open_, factor, u):
     """Take the gradient of p [N] [Pa] from u at open faces beside wet cells, times `factor`, h / density [m^3 s/kg].
 
-    u and `factor` have shape [3, B, 64].     Where a face is at the surface the pressure beyond is `air` [N] of its wet cell. Returns which faces are beside wet cells.
+    u and `factor` have shape [3, B, 64]. Where a face is at the surface the pressure beyond is `air` [N] of its wet cell.
+    Returns which faces are beside wet cells.
     """
     solved = np.zeros(u.shape, np.bool_)
     for b in prange(len(grid.place)):
