@@ -223,3 +223,15 @@ def beside(near, cell, axis, step):
     if at >= SIDE:
         return near[13 + apart], cell - (SIDE - 1) * stride
     return near[13], cell + step * stride
+
+
+@njit(cache=True, parallel=True)
+def face_means(grid, cells):
+    """Return the means [3, B, 64] of the two cells [B, 64] beside each face, of the one that there is at the border."""
+    means = np.empty((3, len(cells), CELLS))
+    for b in prange(len(cells)):
+        for c in range(CELLS):
+            for axis in range(3):
+                other, cell = beside(grid.near[b], c, axis, -1)
+                means[axis, b, c] = 0.5 * (cells[b, c] + (cells[other, cell] if other >= 0 else cells[b, c]))
+    return means

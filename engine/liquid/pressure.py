@@ -115,9 +115,9 @@ def divergence(grid, u, open_, speed, cells, result):
 
 @njit(cache=True, parallel=True)
 def accelerate(grid, row, p, air, depth, open_, factor, u):
-    """Take the gradient of p [N] [Pa] times `factor`, h / density [m^3 s/kg], from open faces of u [3, B, 64] beside wet cells.
+    """Take the gradient of p [N] [Pa] from u at open faces beside wet cells, times `factor`, h / density [m^3 s/kg].
 
-    Where a face is at the surface the pressure beyond is `air` [N] of its wet cell. Returns which faces are beside wet cells.
+    u and `factor` have shape [3, B, 64].     Where a face is at the surface the pressure beyond is `air` [N] of its wet cell. Returns which faces are beside wet cells.
     """
     solved = np.zeros(u.shape, np.bool_)
     for b in prange(len(grid.place)):
@@ -134,7 +134,7 @@ def accelerate(grid, row, p, air, depth, open_, factor, u):
                     fall = (p[here] - air[here]) / _way(depth[b, c], depth[other, cell] if other >= 0 else -1.5)
                 else:
                     fall = (air[there] - p[there]) / _way(depth[other, cell], depth[b, c])
-                u[axis, b, c] -= factor * fall / grid.spacing
+                u[axis, b, c] -= factor[axis, b, c] * fall / grid.spacing
                 solved[axis, b, c] = True
     return solved
 

@@ -13,7 +13,7 @@ from numba import njit, prange
 
 from engine.arrays import Floats, Singles
 from engine.linalg.conjugate_gradient import advance, dot, turn
-from engine.liquid.grid import CELLS, COLOURS, Grid, beside
+from engine.liquid.grid import CELLS, COLOURS, Grid, face_means
 from engine.liquid.model import LiquidModel
 from engine.liquid.rheology import (
     analytic_return,
@@ -148,7 +148,7 @@ class _System:
         across = self.tangent[:, 6] if self.model.elastic else (self.h * self.model.consistency * self.volume).astype(np.float32)
         add_to_cells(self.grid, self.x, across, cells)
         np.copyto(self.diagonal, self.mass)
-        _add_face_means(self.grid, cells, DIAGONAL / self.grid.spacing**2, self.diagonal)
+        self.diagonal += DIAGONAL / self.grid.spacing**2 * face_means(self.grid, cells)
         self.diagonal[self.mass == 0.0] = 1.0
 
 
@@ -259,14 +259,3 @@ def add_to_cells(grid, x, value, cells):
                 weigh(x[p], grid.origin, grid.spacing, grid.place[b], weight, first)
                 scatter(tile, weight, first, 3, np.float64(value[p]), 0.0, 0.0, 0.0)
             add(grid.near[b], tile, cells)
-
-
-@njit(cache=True, parallel=True)
-def _add_face_means(grid, cells, factor, faces):
-    """Add the mean of the two cells beside each face, times `factor`."""
-    for b in prange(len(grid.place)):
-        for c in range(CELLS):
-            for axis in range(3):
-                other, cell = beside(grid.near[b], c, axis, -1)
-                there = cells[other, cell] if other >= 0 else 0.0
-                faces[axis, b, c] += 0.5 * factor * (cells[b, c] + there)

@@ -12,7 +12,7 @@ import numpy as np
 from engine.arrays import Flags, Floats
 from engine.geometry.solids import Solids
 from engine.liquid import evolve
-from engine.liquid.grid import Grid, sorted_grid, taken
+from engine.liquid.grid import Grid, face_means, sorted_grid, taken
 from engine.liquid.model import LiquidModel, LiquidState
 from engine.liquid.observe import of_cells, stressed
 from engine.liquid.pressure import Wet, accelerate, air_pressure, divergence, pressure, spread_outwards, wet_cells
@@ -158,7 +158,7 @@ class LiquidStepper:
 
     def _wet_cells(self, flow: Flow, h: float) -> Wet:
         model, grid = self.model, flow.grid
-        conductance = np.broadcast_to(h / (model.density * model.spacing**2), flow.mass.shape)
+        conductance = self._acceleration(flow, h) / model.spacing**2
         compliance = np.broadcast_to(0.0, flow.filled.shape)
         if not model.incompressible:
             compliance = 1.0 / (h * 0.5 * model.bulk_modulus * (flow.compression + 1.0 / flow.compression))
@@ -182,7 +182,15 @@ class LiquidStepper:
         else:
             p = self._pressure_of_compression(flow, wet)
         change = flow.grid.faces()
-        return p, change, accelerate(flow.grid, wet.row, p, air, flow.depth, flow.walls.open, h / model.density, change)
+        factor = self._acceleration(flow, h)
+        return p, change, accelerate(flow.grid, wet.row, p, air, flow.depth, flow.walls.open, factor, change)
+
+    def _acceleration(self, flow: Flow, h: float) -> Floats:
+        """Return h / density at faces, by which a pressure gradient changes velocities [m^3 s/kg], shape [3, B, 64]."""
+        at_rest = h / self.model.density
+        if self.model.incompressible:
+            return np.broadcast_to(at_rest, flow.mass.shape)
+        return at_rest * face_means(flow.grid, flow.compression)
 
     @staticmethod
     def _divergence(flow: Flow, wet: Wet) -> Floats:
@@ -227,7 +235,8 @@ class LiquidStepper:
         wrong = np.where(twice, excess, np.maximum(excess - NOISE, 0.0)).reshape(-1)[wet.cell]
         q, _ = pressure(wet, SPREAD * wrong, SPREAD_TOLERANCE, self.settings.max_linear)
         by = flow.grid.faces()
-        moved = accelerate(flow.grid, wet.row, q, np.zeros(len(q)), flow.depth, flow.walls.open, h / model.density, by)
+        factor = self._acceleration(flow, h)
+        moved = accelerate(flow.grid, wet.row, q, np.zeros(len(q)), flow.depth, flow.walls.open, factor, by)
         spread_outwards(flow.grid, flow.mass, moved, by)
         limit = SPREAD_LIMIT * model.spacing
         return np.clip(by, -limit, limit)
