@@ -9,7 +9,8 @@ from engine.liquid.model import LiquidModel, LiquidState
 from engine.liquid.transfer import to_grid
 
 SPACING = 0.01
-CREAM = {"density": 80.0, "bulk_modulus": 1e5, "shear_modulus": 300.0, "yield_stress": 30.0, "consistency": 8.0, "flow_index": 0.5}
+FOAM = {"density": 80.0, "shear_modulus": 300.0, "yield_stress": 30.0, "consistency": 8.0, "flow_index": 0.5}
+CREAM = FOAM | {"bulk_modulus": 1e5}
 UNSTRAINED = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from engine.liquid import evolve
 from engine.liquid.grid import SIDE, sorted_grid, taken
 from engine.liquid.rheology import elastic_trial, flow_step, trial_stress, volume_preserving
-from tests.engine.liquid.pools import SPACING, UNSTRAINED, centres, lattice, liquid, on_faces
+from tests.engine.liquid.pools import UNSTRAINED, centres, lattice, liquid, on_faces
 from tests.engine.threads import on_one_and_two_threads
 
 H = 1e-3

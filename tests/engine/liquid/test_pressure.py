@@ -44,7 +44,8 @@ class Basin:
         p, how = pressure(self.wet, load - self.divergence(u), 1e-12, 300)
         assert how.residual <= 1e-12
         air = np.zeros(len(p)) if air is None else air
-        return p, accelerate(self.grid, self.wet.row, p, air, self.depth, self.walls.open, FACTOR, u)
+        return p, accelerate(self.grid, self.wet.row, p, air, self.depth, self.walls.open,
+                             self.grid.faces() + FACTOR, u)
 
 
 def column(surface, floor, speed=0.0, **rest):

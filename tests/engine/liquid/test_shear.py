@@ -126,7 +126,8 @@ def test_the_solve_keeps_momentum_and_leaves_what_moves_rigidly(changes):
     np.testing.assert_allclose((lump.mass * solved.u).sum(axis=(1, 2)), (lump.mass * free).sum(axis=(1, 2)), atol=1e-9)
     assert (lump.mass * solved.u**2).sum() < (lump.mass * free**2).sum()
     falling = np.array([0.3, 0.0, -2.0])[:, None, None] * (lump.mass > 0)
-    solved = shear_solve(lump.grid, lump.model, tight, lump.x, lump.volume, lump.strain, mirror, lump.mass, 0 * falling, falling, H)
+    solved = shear_solve(lump.grid, lump.model, tight, lump.x, lump.volume, lump.strain, mirror, lump.mass,
+                         0 * falling, falling, H)
     np.testing.assert_allclose(solved.u, falling, atol=1e-9)
 
 
@@ -136,7 +137,8 @@ def test_the_same_bits_on_any_number_of_threads():
     u = lump.random_velocities(1)
 
     def solved():
-        found = shear_solve(lump.grid, lump.model, LiquidSettings(), lump.x, lump.volume, lump.strain, mirror, lump.mass, u, u, H)
+        found = shear_solve(lump.grid, lump.model, LiquidSettings(), lump.x, lump.volume, lump.strain, mirror, lump.mass,
+                            u, u, H)
         return found.u, found.newton, found.linear, found.residual
 
     one, two = on_one_and_two_threads(solved)

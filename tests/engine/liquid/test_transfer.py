@@ -44,7 +44,7 @@ class Cloud:
         return mass, momentum, filled
 
     def weights(self, nodes):
-        """Splines of all particles at nodes [..., 3], and how far each node is from each particle [m], [..., P] and [..., P, 3]."""
+        """Splines of all particles at nodes [..., 3], and how far each node is from each [m], [..., P] and [..., P, 3]."""
         apart = nodes[..., None, :] - self.x
         length = SPACING * self.model.period
         apart -= length * np.round(apart / np.where(length > 0, length, 1.0))

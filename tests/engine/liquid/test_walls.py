@@ -113,7 +113,7 @@ def test_walls_that_move_and_turn():
     n, point = unit((0.2, -0.5, 1.0)), MIDDLE + 0.002
     begin = planes((point, n))
     turn = np.array([[np.cos(0.1), -np.sin(0.1), 0], [np.sin(0.1), np.cos(0.1), 0], [0, 0, 1]])
-    end = begin._replace(centre=begin.centre + (0.001, 0.002, -0.003), rotation=turn @ begin.rotation)
+    end = begin._replace(centre=begin.centre + np.array((0.001, 0.002, -0.003)), rotation=turn @ begin.rotation)
     found = walls(GRID, begin, end, H, False, GRID.faces())
     came_from = begin.centre[0] + (FACES - end.centre[0]) @ turn
     for axis in range(3):
@@ -169,7 +169,7 @@ def test_behind_corners_walls_mirror_one_after_the_other(no_slip, field, offset)
 
 
 def oblique(no_slip):
-    n, point = unit((0.4, -0.3, 0.8)), MIDDLE + (0.001, 0.004, 0.007)
+    n, point = unit((0.4, -0.3, 0.8)), MIDDLE + np.array((0.001, 0.004, 0.007))
     return held(lambda x: (x - point) @ n > 0, planes((point, n)), no_slip)
 
 
@@ -186,7 +186,7 @@ def test_collect_is_the_transpose_of_reflect(no_slip):
 
 
 def test_mass_behind_walls_goes_to_faces_before_them():
-    grid, mass, _, found = oblique(True)
+    _, mass, _, found = oblique(True)
     before, after = mass.copy(), mass.copy()
     collect_mass(found.mirror, after)
     after.reshape(-1)[found.mirror.face] = 0.0
@@ -199,7 +199,7 @@ def test_mass_behind_walls_goes_to_faces_before_them():
 @given(within_a_cell)
 def test_folding_at_a_tank_keeps_volume(offset):
     low, high = 0.04 + np.array(offset), 0.10 + np.array(offset)
-    grid, _, filled, found = held(lambda x: ((x > low) & (x < high)).all(axis=1), tank(low, high, "xyzXYZ"), False)
+    _, _, filled, found = held(lambda x: ((x > low) & (x < high)).all(axis=1), tank(low, high, "xyzXYZ"), False)
     volume = filled.sum()
     fold(found.cell_mirror, filled)
     assert filled[found.distance >= 0].sum() == pytest.approx(volume, rel=1e-12)
@@ -252,7 +252,7 @@ def test_no_solids_is_open_space():
 
 def test_the_same_bits_on_any_number_of_threads():
     def cut():
-        grid, _, filled, found = oblique(True)
+        _, _, filled, found = oblique(True)
         fold(found.cell_mirror, filled)
         return filled, found.open, found.distance, *found.mirror, *found.cell_mirror
 

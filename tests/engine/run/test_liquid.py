@@ -114,7 +114,8 @@ def test_the_error_estimate_falls_with_the_step_and_changes_nothing(tmp_path):
     """A drop in free fall: a step is half of h^2 g too far, two of half the size a quarter."""
     errors, drop = [], {"shape": "ball", "centre": [0.08, 0.04, 0.1], "radius": 0.03, "angular_velocity": [90, 0, 60]}
     for step in (2e-3, 1e-3):
-        scene = with_liquid(POURED, sources=[], sinks=[], initial=[drop]) | {"step": {"default": step}, "output": {"error_estimate": True}}
+        scene = with_liquid(POURED, sources=[], sinks=[], initial=[drop]) | {"step": {"default": step}}
+        scene |= {"output": {"error_estimate": True}}
         errors.append(run(load_scene(scene), tmp_path / str(step), threads=1)["error"]["step_error"]["x"]["max"])
     np.testing.assert_allclose(errors, [9.81e-6, 9.81e-6 / 4], rtol=0.3)
     run(load_scene(scene | {"output": {}}), tmp_path / "plain", threads=1)
