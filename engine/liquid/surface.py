@@ -69,15 +69,15 @@ def _kept(grid, inside, result):
 
 def deep(grid: Grid, filled: Floats, distance: Floats) -> tuple:
     """Return which cells the liquid fills (with all six beside them, or walls) and which even lie two cells deep, [B, 64]."""
-    inside = (filled > HALF) | (distance < 0.0)
+    inside = (filled > HALF) | (distance < -0.5)
     once, twice = np.empty_like(inside), np.empty_like(inside)
     _kept(grid, inside, once)
-    _kept(grid, once | (distance < 0.0), twice)
-    return once & (distance >= 0.0), twice & (distance >= 0.0)
+    _kept(grid, once | (distance < -0.5), twice)
+    return once, twice
 
 
 def volume(grid: Grid, filled: Floats, distance: Floats) -> float:
     """Return the volume that the liquid takes up [m^3]: cells inside it count as full, whatever holes particles leave."""
     within, _ = deep(grid, filled, distance)
-    share = np.where(within, 1.0, np.minimum(filled, 1.0)) * (distance >= 0.0)
+    share = np.where(within, 1.0, np.minimum(filled, 1.0)) * np.clip(distance + 0.5, 0.0, 1.0)
     return float(share.sum(axis=1).sum() * grid.spacing**3)

@@ -14,10 +14,13 @@ from numba import njit, prange
 from engine.arrays import Flags, Floats
 from engine.geometry.solids import Solids, distance_to
 from engine.liquid.grid import CELLS, SIDE, Grid, Indices
+from engine.liquid.surface import seen
 
 ON = 1e-6  # spacings within which a face is on a wall
 REACH = 4.0  # spacings before a wall, up to which distances are told apart
 DIAGONAL = 1.0  # more than the spacings from a cell's centre to its corner
+LEAST_ROOM = 0.25  # of a cell: what has less is hardly before any wall
+MOST = 2.0  # times, that a velocity before a wall is that behind
 IMAGES = 3  # walls that meet in a corner, each of which mirrors, and pushes out
 
 
@@ -26,6 +29,7 @@ class Walls(NamedTuple):
 
     near: Flags  # whether a block comes near a solid, shape [B]
     distance: Floats  # of cell centres to solids [spacings], at most REACH, shape [B, 64]
+    room: Floats  # what a cell's spline sees of the space before walls, with what is mirrored into it, shape [B, 64]
     open: Floats  # shares of faces, shape [3, B, 64]
     speed: Floats  # of walls along the normals of faces that are not quite open [m/s], shape [3, B, 64]
     mirror: "Mirror"
@@ -53,7 +57,8 @@ def open_space(grid: Grid) -> Walls:
     """Return what a grid is without solids."""
     blocks, none = len(grid.place), np.zeros(0, np.int32)
     return Walls(
-        np.zeros(blocks, np.bool_), np.full((blocks, CELLS), REACH), np.ones((3, blocks, CELLS)), grid.faces(),
+        np.zeros(blocks, np.bool_), np.full((blocks, CELLS), REACH), np.ones((blocks, CELLS)),
+        np.ones((3, blocks, CELLS)), grid.faces(),
         Mirror(none, np.zeros((0, 24), np.int32), np.zeros((0, 24)), np.zeros(0)),
         CellMirror(none, np.zeros((0, 8), np.int32), np.zeros((0, 8))),
     )
@@ -65,18 +70,38 @@ def walls(grid: Grid, begin: Solids, end: Solids, h: float, no_slip: bool, mass:
     if len(end.kind) == 0:
         return found
     behind = np.zeros(mass.shape, np.bool_)
-    _cut(grid, begin, end, h, no_slip, mass, found.near, found.distance, found.open, found.speed, behind)
+    _cut(grid, begin, end, h, no_slip, mass, found.near, found.distance, found.room, found.open, found.speed, behind)
     mirror = _mirrored(grid, begin, end, h, np.flatnonzero(behind).astype(np.int32), no_slip, mass)
-    return found._replace(mirror=mirror, cell_mirror=_mirrored_cells(grid, end, found.distance))
+    cell_mirror = _mirrored_cells(grid, end, found.distance)
+    _fold(cell_mirror, found.room)
+    np.maximum(found.room, LEAST_ROOM, out=found.room)
+    return found._replace(mirror=mirror, cell_mirror=cell_mirror)
+
+
+def fold(walls: Walls, filled: Floats) -> None:
+    """Make of what particles fill of cells [B, 64] the share of what walls leave of them; cells behind walls are mirror images.
+
+    What splines carry through a wall comes back on the other side, and what is there is taken relative to what would be if all
+    before the wall were full.
+    """
+    _fold(walls.cell_mirror, filled)
+    filled /= walls.room
+    _unfold(walls.cell_mirror, filled)
 
 
 @njit(cache=True)
-def fold(mirror, filled):
-    """Give what is filled of cells [B, 64] behind walls to those before, and let those behind be their mirror images."""
+def _fold(mirror, filled):
+    """Give what cells behind walls have to those before."""
     flat = filled.reshape(-1)
     for g in range(len(mirror.cell)):
         for m in range(8):
             flat[mirror.parent[g, m]] += mirror.weight[g, m] * flat[mirror.cell[g]]
+
+
+@njit(cache=True)
+def _unfold(mirror, filled):
+    """Let cells behind walls be mirror images of those before."""
+    flat = filled.reshape(-1)
     for g in range(len(mirror.cell)):
         value = 0.0
         for m in range(8):
@@ -207,7 +232,7 @@ def open_share(distance, a, b):
 
 
 @njit(cache=True, parallel=True)
-def _cut(grid, begin, end, h, no_slip, mass, near, cell_distance, open_, speed, behind):
+def _cut(grid, begin, end, h, no_slip, mass, near, cell_distance, room, open_, speed, behind):
     """Write distances of cells, open shares of faces and the speed of walls at them, in the blocks near solids.
 
     Faces are `behind` walls, or on them where these hold them, and have mass: they will be mirror images.
@@ -228,7 +253,9 @@ def _cut(grid, begin, end, h, no_slip, mass, near, cell_distance, open_, speed, 
         for c in range(CELLS):
             _centre(grid, b, c, 3, x)
             for o in close[:count]:
-                cell_distance[b, c] = min(distance_to(end, o, x, normal) / grid.spacing, cell_distance[b, c])
+                distance = distance_to(end, o, x, normal) / grid.spacing
+                cell_distance[b, c] = min(distance, cell_distance[b, c])
+                room[b, c] *= seen(distance)
             if cell_distance[b, c] > 1.5:
                 continue
             for axis in range(3):
@@ -269,26 +296,34 @@ def _write_mirror(grid, begin, end, h, behind, no_slip, before, parent, weight, 
     for g in prange(len(behind)):
         axis, b, c = behind[g] // (CELLS * blocks), behind[g] // CELLS % blocks, behind[g] % CELLS
         x, normal, velocity, row = np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
+        even, odd = np.zeros(3), np.zeros(3)  # parts of the velocity that are the same behind the wall, and that turn about
         _centre(grid, b, c, axis, x)
         row[axis] = 1.0
-        for _ in range(IMAGES):
+        away = 0.0
+        for image in range(IMAGES):
             distance, o = nearest(end, x, normal)
-            velocity_of(begin, end, o, x, h, velocity)
+            if image == 0:
+                velocity_of(begin, end, o, x, h, velocity)
+            away = -distance
             across = row[0] * normal[0] + row[1] * normal[1] + row[2] * normal[2]
             for m in range(3):
-                # behind = 2 wall - before where liquid sticks, before - 2 n n.(before - wall) where it slips
-                turned = -row[m] if no_slip else row[m] - 2.0 * across * normal[m]
-                given[g] += (row[m] - turned) * velocity[m]
-                row[m] = turned
-                x[m] -= 2.0 * distance * normal[m]
+                even[m] = 0.0 if no_slip else row[m] - across * normal[m]
+                odd[m] = -row[m] if no_slip else -across * normal[m]
+                row[m] = even[m] + odd[m]
+                x[m] += 2.0 * away * normal[m]
             if nearest(end, x, normal)[0] >= 0.0:
                 break
+        given[g] = velocity[axis]
         for m in range(3):
-            total = _parents(grid, b, x, m, before, parent[g, 8 * m : 8 * m + 8], weight[g, 8 * m : 8 * m + 8])
+            mine = slice(8 * m, 8 * m + 8)
+            total, moment = _parents(grid, b, x, m, normal, away, before, parent[g, mine], weight[g, mine])
             if total == 0.0:
-                given[g] += row[m] * velocity[m]
+                continue
+            # what turns about falls evenly to the wall: so it does where only some of the faces around the image are there
+            share = even[m] / total + odd[m] * min(away / max(moment, 1e-12 * grid.spacing), MOST / total)
             for n in range(8 * m, 8 * m + 8):
-                weight[g, n] = row[m] * weight[g, n] / total if total > 0.0 else 0.0
+                weight[g, n] *= share
+                given[g] -= weight[g, n] * velocity[m]
 
 
 def _mirrored_cells(grid: Grid, end: Solids, distance: Floats) -> CellMirror:
@@ -312,29 +347,30 @@ def _write_cell_mirror(grid, end, behind, before, parent, weight):
                 x[m] -= 2.0 * distance * normal[m]
             if nearest(end, x, normal)[0] >= 0.0:
                 break
-        total = _parents(grid, b, x, 3, before, parent[g], weight[g])
+        total, _ = _parents(grid, b, x, 3, normal, 0.0, before, parent[g], weight[g])
         for m in range(8):
             weight[g, m] = weight[g, m] / total if total > 0.0 else 0.0
 
 
 @njit(cache=True)
-def _parents(grid, b, x, axis, before, parent, weight):
+def _parents(grid, b, x, axis, normal, away, before, parent, weight):
     """Write the 8 faces of a component (3: cells) around x and their linear weights, 0 for those not before a wall.
 
-    Returns the sum of weights.
+    Returns the sum of weights, and that of weights times distances from a plane `away` [m] below x along `normal` [3].
     """
-    total = 0.0
+    total = moment = 0.0
     low, part = np.empty(3, np.int64), np.empty(3)
     for k in range(3):
         at = (x[k] - grid.origin[k]) / grid.spacing - SIDE * grid.place[b, k] - (0.0 if k == axis else 0.5)
         low[k] = np.int64(np.floor(at + 1e-9))
         part[k] = max(at - low[k], 0.0)
     for n in range(8):
-        w, block, cell, within = 1.0, 13, 0, True
+        w, block, cell, within, distance = 1.0, 13, 0, True, away
         for k in range(3):
             up = n >> (2 - k) & 1
             at = low[k] + up
             w *= part[k] if up else 1.0 - part[k]
+            distance += grid.spacing * normal[k] * (up - part[k])
             apart, stride = (9, 16) if k == 0 else (3, 4) if k == 1 else (1, 1)
             within = within and -SIDE <= at < 2 * SIDE
             block += apart * (at // SIDE)
@@ -345,7 +381,8 @@ def _parents(grid, b, x, axis, before, parent, weight):
         if before[node]:
             parent[n], weight[n] = node, w
             total += w
-    return total
+            moment += w * max(distance, 0.0)
+    return total, moment
 
 
 @njit(cache=True, parallel=True)

@@ -124,12 +124,12 @@ class LiquidStepper:
         to_grid(grid, state.x, state.velocity, state.affine, state.volume, model.density, h, consistency, stress, mass, u, filled)
         np.divide(u, mass, out=u, where=mass > 0.0)
         found = open_space(grid) if end is None or begin is None else walls(grid, begin, end, h, model.no_slip, mass)
-        fold(found.cell_mirror, filled)
+        fold(found, filled)
         compression = np.zeros((0, 64))
         if state.compression is not None:
             present = grid.cells()
             add_to_cells(grid, state.x, state.volume * state.compression / model.spacing**3, present)
-            fold(found.cell_mirror, present)
+            fold(found, present)
             compression = np.divide(present, filled, out=np.ones_like(filled), where=filled > 1e-9)
             filled = present
         depth = np.empty_like(filled)

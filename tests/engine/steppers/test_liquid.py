@@ -125,7 +125,6 @@ def test_a_block_below_yield_comes_to_rest_and_does_not_creep():
     np.testing.assert_allclose(300.0 * state.strain[:, 4], 80.0 * (0.08 - state.x[:, 2]), atol=0.1 * 80.0 * 0.08)
 
 
-@pytest.mark.xfail(strict=True, reason="cells that a wall cuts are not full without what is beyond it")
 def test_liquid_stands_on_a_floor_in_the_midst_of_cells():
     model = liquid(period=(4, 4, 0))
     state = particles(model, lattice((0, 0, 0.005), (0.04, 0.04, 0.085)))
