@@ -18,7 +18,7 @@ from engine.liquid.model import LiquidModel
 
 SIDE = 4  # cells along a block
 CELLS = SIDE**3
-COLOURS = 8  # of blocks: those of one colour have no neighbour in common with each other
+COLOURS = 8  # of blocks: the particles of two of one colour reach no cell in common
 LIMIT = 1 << 20  # coordinates of blocks lie between -LIMIT and LIMIT
 _EMPTY = -1
 

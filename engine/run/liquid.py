@@ -138,6 +138,7 @@ class LiquidInMotion:
             if sized is not state:
                 vars(state).update(vars(sized))
                 order = np.full(len(state.x), -1)
+                self.stepper.particle_pressure = np.zeros(len(order), np.float32)
         return order
 
 

@@ -34,6 +34,9 @@ SPREAD_TOLERANCE, SPREAD_LIMIT = 1e-2, 0.1  # of its linear solve; spacings that
 class Flow:
     """The liquid on the grid, within one step."""
 
+    h: float  # the step [s]
+    begin: Solids | None  # solids at its begin, None where there are none
+    end: Solids | None  # and at its end
     grid: Grid
     walls: Walls
     mass: Floats  # of faces [kg], shape [3, B, 64]
@@ -69,11 +72,11 @@ class LiquidStepper:
         watch.lap("sort")
         flow = self._to_grid(grid, state, h, begin, end)
         watch.lap("to grid")
-        if not self._shear(flow, state, h, report):
+        if not self._shear(flow, state, report):
             return report
         watch.lap("shear")
-        wet = self._wet_cells(flow, h)
-        p, change, solved = self._pressure(flow, wet, h, report)
+        wet = self._wet_cells(flow)
+        p, change, solved = self._pressure(flow, wet, report)
         if not report.reason:
             known = spread_outwards(grid, flow.mass, solved, change)
             flow.u += change
@@ -84,9 +87,9 @@ class LiquidStepper:
         watch.lap("pressure")
         if report.reason:
             return report
-        by = self._spread(flow, wet, h)
+        by = self._spread(flow, wet)
         watch.lap("spread")
-        self._to_particles(flow, wet, p, rate, state, h, begin, end, by)
+        self._to_particles(flow, wet, p, rate, by, state)
         watch.lap("to particles")
         self.flow, self.wet, self.pressure = flow, wet, p
         report.stages, report.accepted = watch.laps, True
@@ -134,7 +137,7 @@ class LiquidStepper:
             filled = present
         depth = np.empty_like(filled)
         depths(filled, depth)
-        return Flow(grid, found, mass, u, filled, depth, compression)
+        return Flow(h, begin, end, grid, found, mass, u, filled, depth, compression)
 
     def _shear_is_implicit(self, h: float) -> bool:
         model = self.model
@@ -142,11 +145,12 @@ class LiquidStepper:
             return self.settings.shear == "implicit"
         return 0.5 * model.consistency * h > DIFFUSES * model.density * model.spacing**2
 
-    def _shear(self, flow: Flow, state: LiquidState, h: float, report: StepReport) -> bool:
+    def _shear(self, flow: Flow, state: LiquidState, report: StepReport) -> bool:
         """Let gravity and, where it is implicit, shear stress act (eq. 14.6); False where that does not converge."""
+        h = flow.h
         free = flow.u + (h * self.gravity)[:, None, None] * (flow.mass > 0.0)
         if not self._shear_is_implicit(h):
-            flow.u, report.residual = free, 0.0
+            flow.u = free
             return True
         sheared = shear_solve(flow.grid, self.model, self.settings, state.x, state.volume, state.strain, flow.walls.mirror,
                               flow.mass, flow.u, free, h)
@@ -156,24 +160,25 @@ class LiquidStepper:
             report.reason = f"shear did not converge: {sheared.residual:.2g} left of it after {sheared.newton} iterations"
         return sheared.converged
 
-    def _wet_cells(self, flow: Flow, h: float) -> Wet:
+    def _wet_cells(self, flow: Flow) -> Wet:
+        """Return the cells that have a pressure, and their system (eq. 14.32)."""
         model, grid = self.model, flow.grid
-        conductance = self._acceleration(flow, h) / model.spacing**2
+        conductance = self._acceleration(flow) / model.spacing**2
         compliance = np.broadcast_to(0.0, flow.filled.shape)
         if not model.incompressible:
-            compliance = 1.0 / (h * 0.5 * model.bulk_modulus * (flow.compression + 1.0 / flow.compression))
+            compliance = 1.0 / (flow.h * 0.5 * model.bulk_modulus * (flow.compression + 1.0 / flow.compression))
         return wet_cells(grid, flow.filled, flow.depth, flow.walls.open, conductance, compliance, model.period)
 
-    def _pressure(self, flow: Flow, wet: Wet, h: float, report: StepReport) -> tuple[Floats, Floats, Flags]:
+    def _pressure(self, flow: Flow, wet: Wet, report: StepReport) -> tuple[Floats, Floats, Flags]:
         """Solve for the pressure (eq. 14.31); returns it [N] [Pa], how it changes faces [m/s], and which of them it acts on."""
         model, settings = self.model, self.settings
         air = air_pressure(wet, flow.depth, model.surface_tension, flow.grid)
         if model.incompressible or settings.pressure == "implicit":
             load = -self._divergence(flow, wet)
             if not model.incompressible:
-                load += self._pressure_of_compression(flow, wet) / (h * self._stiffness(flow, wet))
+                load += self._pressure_of_compression(flow, wet) / (flow.h * self._stiffness(flow, wet))
             if model.surface_tension > 0.0:
-                load += self._from_air(flow, wet, air, h)
+                load += self._from_air(flow, wet, air)
             p, how = pressure(wet, load, settings.pressure_tolerance, settings.max_linear)
             report.linear_iterations += how.iterations
             report.residual = max(report.residual, how.residual)
@@ -182,12 +187,12 @@ class LiquidStepper:
         else:
             p = self._pressure_of_compression(flow, wet)
         change = flow.grid.faces()
-        factor = self._acceleration(flow, h)
+        factor = self._acceleration(flow)
         return p, change, accelerate(flow.grid, wet.row, p, air, flow.depth, flow.walls.open, factor, change)
 
-    def _acceleration(self, flow: Flow, h: float) -> Floats:
+    def _acceleration(self, flow: Flow) -> Floats:
         """Return h / density at faces, by which a pressure gradient changes velocities [m^3 s/kg], shape [3, B, 64]."""
-        at_rest = h / self.model.density
+        at_rest = flow.h / self.model.density
         if self.model.incompressible:
             return np.broadcast_to(at_rest, flow.mass.shape)
         return at_rest * face_means(flow.grid, flow.compression)
@@ -208,7 +213,7 @@ class LiquidStepper:
         volume = flow.compression.reshape(-1)[wet.cell]
         return 0.5 * self.model.bulk_modulus * (volume + 1.0 / volume)
 
-    def _from_air(self, flow: Flow, wet: Wet, air: Floats, h: float) -> Floats:
+    def _from_air(self, flow: Flow, wet: Wet, air: Floats) -> Floats:
         """Return what a pressure of the air [N] [Pa] adds to the load.
 
         Its conductances are what diagonals have beyond rows and what compresses.
@@ -219,10 +224,10 @@ class LiquidStepper:
             before = system.beside[:, 2 * axis]
             inner += np.where(before >= 0, system.coupling[before, axis], 0.0)
         if not self.model.incompressible:
-            inner += 1.0 / (h * self._stiffness(flow, wet))
+            inner += 1.0 / (flow.h * self._stiffness(flow, wet))
         return (system.diagonal - inner) * air
 
-    def _spread(self, flow: Flow, wet: Wet, h: float) -> Floats:
+    def _spread(self, flow: Flow, wet: Wet) -> Floats:
         """Return displacements of faces [m] that spread particles evenly again: volume is kept beyond any one step.
 
         They are the gradient of a potential, found like the pressure, and have nothing to do with velocities.
@@ -235,21 +240,18 @@ class LiquidStepper:
         wrong = np.where(twice, excess, np.maximum(excess - NOISE, 0.0)).reshape(-1)[wet.cell]
         q, _ = pressure(wet, SPREAD * wrong, SPREAD_TOLERANCE, self.settings.max_linear)
         by = flow.grid.faces()
-        factor = self._acceleration(flow, h)
+        factor = self._acceleration(flow)
         moved = accelerate(flow.grid, wet.row, q, np.zeros(len(q)), flow.depth, flow.walls.open, factor, by)
         spread_outwards(flow.grid, flow.mass, moved, by)
         limit = SPREAD_LIMIT * model.spacing
         return np.clip(by, -limit, limit)
 
-    def _to_particles(
-        self, flow: Flow, wet: Wet, p: Floats, rate: Floats, state: LiquidState, h: float, begin: Solids | None,
-        end: Solids | None, by: Floats,
-    ) -> None:
+    def _to_particles(self, flow: Flow, wet: Wet, p: Floats, rate: Floats, by: Floats, state: LiquidState) -> None:
         """Map velocities back, strain particles and move them (items 7 to 12).
 
         `p` [N] [Pa] and `rate` [N] [1/s] are pressure and divergence of wet cells, `by` displacements of faces [m].
         """
-        model, grid = self.model, flow.grid
+        model, grid, h = self.model, flow.grid, flow.h
         to_particles(grid, state.x, flow.u, state.velocity, state.affine)
         self.particle_pressure = np.empty(len(state.x), np.float32)
         of_cells(grid, state.x, wet.row, p, self.particle_pressure)
@@ -268,7 +270,7 @@ class LiquidStepper:
         if by.shape[1]:
             evolve.shift(grid, state.x, by, moved)
             state.x = moved
-        if begin is not None and end is not None:
+        if flow.begin is not None and flow.end is not None:
             moved_by = self.settings.courant + SPREAD_LIMIT
-            push_out(grid, flow.walls.near, flow.walls.distance, moved_by, begin, end, h, state.x, state.velocity)
+            push_out(grid, flow.walls.near, flow.walls.distance, moved_by, flow.begin, flow.end, h, state.x, state.velocity)
         evolve.wrap(state.x, model.origin, model.spacing * model.period)
