@@ -27,11 +27,6 @@ MOST = 0.1  # of a cell, that a particle moves at a pass
 Clear = Callable[[Floats], Flags]
 
 
-def resample(model: LiquidModel, state: LiquidState, fine_volume: float, clear: Clear) -> LiquidState:
-    """Merge, split and relax particles (Fei 2019, sec. 14.2, item 2); arguments and result are those of `merge`."""
-    return relax(model, split(model, merge(model, state, fine_volume, clear), fine_volume, clear), clear)
-
-
 def merge(model: LiquidModel, state: LiquidState, fine_volume: float, clear: Clear) -> LiquidState:
     """Join particles below half the `fine_volume` [m^3] with the nearest one, where each is the other's nearest.
 

@@ -22,21 +22,31 @@ SCENE = "quickstart"  # has yarns that slide on each other and on obstacles, and
 def compile_ahead(scene: "Scene", threads: int | None = None) -> subprocess.Popen | None:
     """Start the process for a run of `scene` if the compile cache has no kernel yet, and return it without waiting.
 
-    There is none for strands and liquids, whose kernels it does not know, and where the run may use but one of `threads`, or
-    there is one processor. It ends by itself after half a minute.
+    There is none for strands, whose kernels it does not know, and where the run may use but one of `threads`, or there is one
+    processor. It ends by itself after half a minute.
     All that it can lose is time, so what becomes of it does not matter to the run. To be called after
     `prepare_compile_cache` and before anything is compiled.
     """
-    if scene.strands or scene.liquid is not None:
+    if scene.strands:
         return None
     from engine.run.threads import available_threads
-    from engine.scene.size import estimate
-    from engine.steppers.newton_system import precision
 
     if (threads or available_threads()) == 1 or any(prepare_compile_cache().rglob("*.nbi")):
         return None
-    return subprocess.Popen([sys.executable, "-m", __name__, precision(estimate(scene).points).__name__],
+    return subprocess.Popen([sys.executable, "-m", __name__, _what_moves(scene)],
                             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def _what_moves(scene: "Scene") -> str:
+    """Return what the process is told: of liquids whether they keep a strain, of yarns the precision of their linear system."""
+    if scene.liquid is not None:
+        from engine.scene.liquid_materials import known_liquids
+
+        return "newtonian" if known_liquids(scene.liquid_materials)[scene.liquid.material].shear_modulus is None else "elastic"
+    from engine.scene.size import estimate
+    from engine.steppers.newton_system import precision
+
+    return precision(estimate(scene).points).__name__
 
 
 def linear_algebra(precision: DTypeLike) -> None:
@@ -73,5 +83,10 @@ def system_of_a_step(precision: DTypeLike) -> None:
 
 if __name__ == "__main__":
     prepare_compile_cache()
-    linear_algebra(sys.argv[1])
-    system_of_a_step(sys.argv[1])
+    if sys.argv[1] in ("newtonian", "elastic"):
+        from engine.run.compile_liquid import rest_of_a_step
+
+        rest_of_a_step(sys.argv[1] == "elastic")
+    else:
+        linear_algebra(sys.argv[1])
+        system_of_a_step(sys.argv[1])

@@ -10,7 +10,7 @@ from engine.geometry.solids import Solids, clear_of
 from engine.liquid import observe
 from engine.liquid.evolve import wrap
 from engine.liquid.model import LiquidState
-from engine.liquid.resampling import LARGE, SMALL, merge, split
+from engine.liquid.resampling import LARGE, SMALL, merge, relax, split
 from engine.liquid.sinks import leaving
 from engine.liquid.sources import emitted
 from engine.run.frames import Components, LiquidFrame
@@ -136,6 +136,7 @@ class LiquidInMotion:
 
             sized = split(self.model, merge(self.model, state, fine, clear), fine, clear)
             if sized is not state:
+                sized = relax(self.model, sized, clear)
                 vars(state).update(vars(sized))
                 order = np.full(len(state.x), -1)
                 self.stepper.particle_pressure = np.zeros(len(order), np.float32)

@@ -68,6 +68,8 @@ class LiquidStepper:
             return report
         if not self._is_slow_enough(float(np.abs(state.velocity).max()), h, report):
             return report
+        if self._outruns_ripples(h, report):
+            return report
         grid = self._sort(state)
         watch.lap("sort")
         flow = self._to_grid(grid, state, h, begin, end)
@@ -107,6 +109,13 @@ class LiquidStepper:
         if courant > self.settings.courant:
             report.reason = f"Courant number {courant:.3g}, above {self.settings.courant:g}"
         return courant <= self.settings.courant
+
+    def _outruns_ripples(self, h: float, report: StepReport) -> bool:
+        """Say so in the report where surface tension, which acts explicitly, moves ripples by more than a cell in a step."""
+        stiffness = 2.0 * np.pi * self.model.surface_tension / (self.model.density * self.model.spacing**3)
+        if h * h * stiffness > 1.0:
+            report.reason = f"surface tension allows steps of {stiffness**-0.5:.3g} s"
+        return bool(report.reason)
 
     def _sort(self, state: LiquidState) -> Grid:
         """Take particles in the order of the grid that they lie on."""

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.liquid.model import LiquidModel, LiquidState
-from engine.liquid.resampling import LARGE, MOST, SMALL, STIFFNESS, merge, relax, resample, split
+from engine.liquid.resampling import LARGE, MOST, SMALL, STIFFNESS, merge, relax, split
 from tests.engine.threads import on_one_and_two_threads
 
 SPACING = 0.01
 FINE = SPACING**3 / 8
 CHANGES = {
-    "merge": merge, "split": split, "resample": resample,
+    "merge": merge, "split": split,
     "relax": lambda model, state, fine_volume, clear: relax(model, state, clear),
 }
 

@@ -66,6 +66,17 @@ def test_what_is_compiled_ahead_is_what_a_step_calls():
             "engine.yarns.contact.add_hessian_in_parts", "engine.yarns.internal.hessian"} <= names
 
 
+@pytest.mark.parametrize(("scene", "elastic"), [("film-incline-newtonian", False), ("oyster-sauce-column", True)])
+def test_what_is_compiled_ahead_for_liquids_is_what_a_step_calls(scene: str, elastic: bool):
+    step = compiled(f"""
+from engine.run.liquid import LiquidInMotion
+from engine.scene.load import load_scene, shipped_scenes
+assert LiquidInMotion(load_scene(shipped_scenes()["{scene}"], ["liquid.walls=slip"])).step(0.0, 1e-4).accepted
+""")
+    ahead = compiled(f"from engine.run.compile_liquid import rest_of_a_step; rest_of_a_step({elastic})")
+    assert ahead <= step and len(ahead) > len(step) / 3
+
+
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) == 1, reason="there is no second processor")
 def test_the_process_is_started_for_an_empty_cache_only(tmp_path: Path):
     ran = subprocess.run([sys.executable, "-c", STARTS], capture_output=True, text=True, timeout=120,
