@@ -78,3 +78,41 @@ def _keep_distances(begin, end, o, x, there):
             left = distance - distance_to(end, o, there[v], normal)
             for k in range(3):
                 there[v, k] += left * normal[k]
+
+
+@njit(cache=True)
+def to_unit(normal):
+    """Scale a vector [3] to a length of 1, if it has any."""
+    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    if length > 0.0:
+        normal[0] /= length
+        normal[1] /= length
+        normal[2] /= length
+
+
+@njit(cache=True)
+def nearest(solids, x, normal):
+    """Return the distance of x [3] to the nearest solid [m] and which it is, and write the unit normal [3]."""
+    best, least = 0, np.inf
+    for o in range(len(solids.kind)):
+        distance = distance_to(solids, o, x, normal)
+        if distance < least:
+            best, least = o, distance
+    distance_to(solids, best, x, normal)
+    to_unit(normal)
+    return least, best
+
+
+@njit(cache=True)
+def velocity_of(begin, end, o, x, h, velocity):
+    """Write with what velocity [3] [m/s] the place x [3] on solid o went along in a step of h [s]."""
+    for k in range(3):
+        velocity[k] = x[k] - begin.centre[o, k]
+    for m in range(3):
+        along = 0.0
+        for k in range(3):
+            along += end.rotation[o, k, m] * (x[k] - end.centre[o, k])
+        for k in range(3):
+            velocity[k] -= begin.rotation[o, k, m] * along
+    for k in range(3):
+        velocity[k] /= h

@@ -235,3 +235,13 @@ def face_means(grid, cells):
                 other, cell = beside(grid.near[b], c, axis, -1)
                 means[axis, b, c] = 0.5 * (cells[b, c] + (cells[other, cell] if other >= 0 else cells[b, c]))
     return means
+
+
+@njit(cache=True)
+def centre_of(grid, b, c, axis, x):
+    """Write the centre x [3] [m] of cell c of block b, or with an `axis` below 3 that of its lower face across it."""
+    x[0] = grid.origin[0] + grid.spacing * (SIDE * grid.place[b, 0] + c // 16 + 0.5)
+    x[1] = grid.origin[1] + grid.spacing * (SIDE * grid.place[b, 1] + c // 4 % 4 + 0.5)
+    x[2] = grid.origin[2] + grid.spacing * (SIDE * grid.place[b, 2] + c % 4 + 0.5)
+    if axis < 3:
+        x[axis] -= 0.5 * grid.spacing

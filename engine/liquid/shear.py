@@ -14,6 +14,7 @@ from numba import njit, prange
 from engine.arrays import Floats, Singles
 from engine.linalg.conjugate_gradient import advance, dot, turn
 from engine.liquid.grid import CELLS, COLOURS, Grid, face_means
+from engine.liquid.mirror import Mirror, collect, collect_mass, reflect, reflect_change
 from engine.liquid.model import LiquidModel
 from engine.liquid.rheology import (
     analytic_return,
@@ -26,7 +27,6 @@ from engine.liquid.rheology import (
 )
 from engine.liquid.settings import LiquidSettings
 from engine.liquid.transfer import FIELD, add, gather, load, scatter, weigh
-from engine.liquid.walls import Mirror, collect, collect_mass, reflect, reflect_change
 
 INEXACT = 0.1  # of the residual of an iteration, that its linear solve may leave
 ROUND_OFF = 1e-9  # of momentum, below which impulses are nothing

@@ -5,13 +5,14 @@ import numpy as np
 from engine.geometry.solids import Solids
 from engine.liquid import evolve
 from engine.liquid.grid import sorted_grid
+from engine.liquid.mirror import reflect
 from engine.liquid.model import LiquidModel
 from engine.liquid.observe import of_cells
 from engine.liquid.pressure import accelerate, divergence, pressure, spread_outwards, wet_cells
 from engine.liquid.shear import add_elastic_impulse, add_tangent_impulse, add_to_cells
 from engine.liquid.surface import deep
 from engine.liquid.transfer import to_particles
-from engine.liquid.walls import open_space, push_out, reflect
+from engine.liquid.walls import open_space, push_out
 
 
 def rest_of_a_step(elastic: bool) -> None:

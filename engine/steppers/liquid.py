@@ -13,6 +13,7 @@ from engine.arrays import Flags, Floats
 from engine.geometry.solids import Solids
 from engine.liquid import evolve
 from engine.liquid.grid import Grid, face_means, sorted_grid, taken
+from engine.liquid.mirror import reflect
 from engine.liquid.model import LiquidModel, LiquidState
 from engine.liquid.observe import of_cells, stressed
 from engine.liquid.pressure import Wet, accelerate, air_pressure, divergence, pressure, spread_outwards, wet_cells
@@ -21,7 +22,7 @@ from engine.liquid.shear import add_to_cells, shear_solve
 from engine.liquid.surface import deep, depths
 from engine.liquid.surface import volume as volume_of
 from engine.liquid.transfer import to_grid, to_particles
-from engine.liquid.walls import Walls, fold, open_space, push_out, reflect, walls
+from engine.liquid.walls import Walls, fold, open_space, push_out, walls
 from engine.steppers.step_report import StepReport, Stopwatch
 
 DIFFUSES = 0.05  # viscosity h / (density spacing^2), below which an explicit step is as good

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from engine.geometry.signed_distance import SPHERE
 from engine.liquid.grid import sorted_grid, taken
+from engine.liquid.mirror import collect, collect_mass, reflect, reflect_change
 from engine.liquid.surface import volume
-from engine.liquid.walls import collect, collect_mass, fold, open_share, open_space, push_out, reflect, reflect_change, walls
+from engine.liquid.walls import fold, open_share, open_space, push_out, walls
 from tests.engine.liquid.pools import SPACING, centres, face_centres, lattice, liquid, on_faces, on_grid, planes, tank
 from tests.engine.threads import on_one_and_two_threads
 
