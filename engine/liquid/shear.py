@@ -14,7 +14,7 @@ from numba import njit, prange
 from engine.arrays import Floats, Singles
 from engine.linalg.conjugate_gradient import advance, dot, turn
 from engine.liquid.grid import CELLS, COLOURS, Grid, face_means
-from engine.liquid.mirror import Mirror, collect, collect_mass, reflect, reflect_change
+from engine.liquid.mirror import Mirror, collect, reflect, reflect_change
 from engine.liquid.model import LiquidModel
 from engine.liquid.rheology import (
     analytic_return,
@@ -50,8 +50,8 @@ def shear_solve(
 ) -> Sheared:
     """Return the velocities of faces after a step of `h` [s] of shear stress.
 
-    `u` [3, B, 64] [m/s] are velocities before the step, `free` those that other forces lead to, `mass` [3, B, 64] [kg] is that of
-    faces, of which those without any are left alone. Particles at x [P, 3] [m] have a `volume` [P] [m^3] at rest and, unless
+    `u` [3, B, 64] [m/s] are velocities before the step, `free` those that other forces lead to; faces with a `mass` [3, B, 64]
+    [kg], which has that of faces behind walls, move. Particles at x [P, 3] [m] have a `volume` [P] [m^3] at rest and, unless
     Newtonian, an elastic strain [P, 6].
     """
     system = _System(grid, model, settings, x, volume, strain, mirror, mass, u, free, h)
@@ -84,7 +84,6 @@ class _System:
         self.grid, self.model, self.x, self.volume, self.strain, self.mirror = grid, model, x, volume, strain, mirror
         self.h, self.free, self.implicit = h, free, settings.plastic_flow == "implicit"
         self.mass = mass.copy()
-        collect_mass(mirror, self.mass)
         self.mass.reshape(-1)[mirror.face] = 0.0
         self.inverse = np.divide(1.0, self.mass, out=np.zeros_like(mass), where=self.mass > 0.0)
         self.tangent: Singles = np.empty((len(x) if model.elastic else 0, 8), np.float32)

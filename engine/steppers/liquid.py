@@ -13,7 +13,7 @@ from engine.arrays import Flags, Floats
 from engine.geometry.solids import Solids
 from engine.liquid import evolve
 from engine.liquid.grid import Grid, face_means, sorted_grid, taken
-from engine.liquid.mirror import reflect
+from engine.liquid.mirror import collect_mass, collect_momentum, reflect
 from engine.liquid.model import LiquidModel, LiquidState
 from engine.liquid.observe import of_cells, stressed
 from engine.liquid.pressure import Wet, accelerate, air_pressure, divergence, pressure, spread_outwards, wet_cells
@@ -135,8 +135,11 @@ class LiquidStepper:
         stress = stressed(state.strain, model.shear_modulus) if explicit and state.strain is not None else np.zeros((0, 6))
         consistency = model.consistency if explicit and not model.elastic else 0.0
         to_grid(grid, state.x, state.velocity, state.affine, state.volume, model.density, h, consistency, stress, mass, u, filled)
-        np.divide(u, mass, out=u, where=mass > 0.0)
         found = open_space(grid) if end is None or begin is None else walls(grid, begin, end, h, model.no_slip, mass)
+        collect_momentum(found.mirror, mass, u)
+        collect_mass(found.mirror, mass)
+        np.divide(u, mass, out=u, where=mass > 0.0)
+        reflect(found.mirror, u)
         fold(found, filled)
         compression = np.zeros((0, 64))
         if state.compression is not None:
