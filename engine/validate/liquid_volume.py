@@ -39,8 +39,8 @@ def volume(quick: bool) -> CaseResult:
     found = rows("cells in the column", cells, lambda n: error(round(n), COURANT))
     if not quick:
         found += rows(f"Courant number, {CELLS[1]} cells", COURANTS, lambda courant: error(CELLS[1], courant))
-    note = f"for {duration:g} s; largest on the way: " + "; ".join(f"{100.0 * most:.2g} % at {which}" for which, most in way.items())
-    return CaseResult(found, max(row.error for row in found), note=note)
+    note = "; ".join(f"{which}: {100.0 * most:.2g} %" for which, most in way.items())
+    return CaseResult(found, max(row.error for row in found), note=f"for {duration:g} s; largest on the way at {note}")
 
 
 def drift(cells: int, courant: float, duration: float) -> Drift:
