@@ -22,6 +22,7 @@ QUICK_DURATION, QUICK_SETTLING = 0.5, 1.0  # [s]
 DENSITY = 1000.0  # [kg/m^3]
 MODULUS = 5.0 * DENSITY * EARTH * HEIGHT  # bulk modulus [Pa]: the foot has some four fifths of its volume at rest
 JITTER = 0.5
+CALMING = 0.1  # share of velocities that each step of settling takes: waves of an uneven surface do not die out by themselves
 STILL = 1e-3  # of sqrt(g H)
 SETTINGS = LiquidSettings(pressure_tolerance=1e-8)
 
@@ -40,8 +41,8 @@ def hydrostatic(quick: bool) -> CaseResult:
     cells, jitters = (CELLS_HIGH[:1], (0.0,)) if quick else (CELLS_HIGH, (0.0, JITTER))
     duration, settling = (QUICK_DURATION, QUICK_SETTLING) if quick else (DURATION, SETTLING)
     found, failures = [], []
-    notes = [f"for {duration:g} s, that begin after {settling:g} s in which what the grid cannot hold exactly comes to "
-             "rest: it is jittered, or compressed by its equation of state"]
+    notes = [f"for {duration:g} s, that begin after {settling:g} s in which what the grid cannot hold exactly is brought "
+             "to rest: it is jittered, or compressed by its equation of state"]
     for bulk_modulus, jitter in product((None, MODULUS), jitters):
         kind = f"{'compressible' if bulk_modulus else 'incompressible'}, {'jittered' if jitter else 'lattice'}"
         before = settling if jitter or bulk_modulus else 0.0
@@ -58,13 +59,13 @@ def hydrostatic(quick: bool) -> CaseResult:
 
 
 def at_rest(cells: int, bulk_modulus: float | None, jitter: float, settling: float, duration: float) -> tuple[Unrest, Unrest]:
-    """Return what a column is off by while it is `settling` [s], and in the `duration` [s] after."""
+    """Return what a column is off by while it is calmed for `settling` [s], and in the `duration` [s] after."""
     model = liquid(LiquidMaterial(density=DENSITY, bulk_modulus=bulk_modulus), HEIGHT / cells)
     state = box(model, (WIDTH, WIDTH, HEIGHT), jitter)
     pressure = weight_above if bulk_modulus is None else begin_in_equilibrium(model, state)
     vessel = Vessel(model, state, (0.0, 0.0, -EARTH), planes(FLOOR, *ends(WIDTH), *ends(WIDTH, axis=1)), SETTINGS)
-    spans = Unrest(), Unrest()
-    for unrest, span in zip(spans, (settling, duration), strict=True):
+    settled, after = Unrest(), Unrest()
+    for unrest, span in ((settled, settling), (after, duration)):
         for _ in range(round(span / STEP)):
             vessel.step(STEP)
             wet, p = vessel.stepper.wet, vessel.stepper.pressure
@@ -73,7 +74,10 @@ def at_rest(cells: int, bulk_modulus: float | None, jitter: float, settling: flo
             off = float(np.abs(p - pressure(z)).max()) / (DENSITY * EARTH * HEIGHT)
             speed = float(np.linalg.norm(state.velocity, axis=1).max()) / sqrt(EARTH * HEIGHT)
             unrest.pressure, unrest.speed = max(unrest.pressure, off), max(unrest.speed, speed)
-    return spans
+            if unrest is settled:
+                state.velocity *= 1.0 - CALMING
+                state.affine *= 1.0 - CALMING
+    return settled, after
 
 
 def weight_above(z: Floats) -> Floats:
