@@ -13,7 +13,7 @@ CELLS = (8, 16, 24)  # in the width of the column
 COURANT, COURANTS = 0.8, (0.4, 1.6)  # of the first front; others tried at the middle of CELLS, of which none goes beyond 1 later
 BREADTH, HEIGHT, TANK = 0.25, 0.5, 1.0  # of the column and the tank [m]
 ACROSS = 4  # cells, after which the tank repeats
-DURATION, QUICK_DURATION, LAST, LOOK = 5.0, 2.5, 0.5, 0.05  # [s]
+DURATION, LAST, LOOK = 5.0, 0.5, 0.05  # [s]
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class Drift:
 def volume(quick: bool) -> CaseResult:
     """Largest drift of the volume over several grids and steps, that is left at the end; the largest on the way beside it."""
     drift(CELLS[0], COURANT, LAST)  # compiles the kernels, untimed
-    cells, duration = (CELLS[:1], QUICK_DURATION) if quick else (CELLS, DURATION)
+    cells = CELLS[:1] if quick else CELLS
     way: dict[str, float] = {}
 
     def error(cells: int, courant: float) -> float:
-        found = drift(cells, courant, duration)
+        found = drift(cells, courant, DURATION)
         way[f"{cells} cells, Courant number {courant:g}"] = found.most
         return abs(found.left)
 
@@ -40,7 +40,7 @@ def volume(quick: bool) -> CaseResult:
     if not quick:
         found += rows(f"Courant number, {CELLS[1]} cells", COURANTS, lambda courant: error(CELLS[1], courant))
     note = "; ".join(f"{which}: {100.0 * most:.2g} %" for which, most in way.items())
-    return CaseResult(found, max(row.error for row in found), note=f"for {duration:g} s; largest on the way at {note}")
+    return CaseResult(found, max(row.error for row in found), note=f"largest on the way at {note}")
 
 
 def drift(cells: int, courant: float, duration: float) -> Drift:
