@@ -13,7 +13,7 @@ from numba import njit, prange
 
 from engine.arrays import Floats, Singles
 from engine.linalg.conjugate_gradient import advance, dot, turn
-from engine.liquid.grid import CELLS, COLOURS, Grid, face_means
+from engine.liquid.grid import CELLS, COLOURS, Grid
 from engine.liquid.mirror import Mirror, collect, reflect, reflect_change
 from engine.liquid.model import LiquidModel
 from engine.liquid.rheology import (
@@ -31,7 +31,6 @@ from engine.liquid.transfer import FIELD, add, gather, load, scatter, weigh
 INEXACT = 0.1  # of the residual of an iteration, that its linear solve may leave
 ROUND_OFF = 1e-9  # of momentum, below which impulses are nothing
 SHRINK, MOST_SHRINKS = 0.5, 8  # of steps that do not lessen the residual
-DIAGONAL = 0.62  # of the matrix of an even liquid, in units of across V h / spacing^2: an integral of splines
 
 
 class Sheared(NamedTuple):
@@ -142,12 +141,10 @@ class _System:
         np.subtract(self.mass * p, q, out=q)
 
     def _set_diagonal(self) -> None:
-        """Write about what the diagonal of Newton's matrix is."""
-        cells = self.grid.cells()
+        """Write the diagonal of Newton's matrix, but for what stress does more along its direction than across."""
         across = self.tangent[:, 6] if self.model.elastic else (self.h * self.model.consistency * self.volume).astype(np.float32)
-        add_to_cells(self.grid, self.x, across, cells)
         np.copyto(self.diagonal, self.mass)
-        self.diagonal += DIAGONAL / self.grid.spacing**2 * face_means(self.grid, cells)
+        add_diagonal(self.grid, self.x, across, self.diagonal)
         self.diagonal[self.mass == 0.0] = 1.0
 
 
@@ -244,6 +241,33 @@ def add_viscous_impulse(grid, x, volume, u, h, consistency, force):
                 _scatter_stress(forces, weight, first, -h * volume[p] * scale, newtonian_stress(gradient, consistency))
             for a in range(3):
                 add(grid.near[b], forces[a], force[a])
+
+
+@njit(cache=True, parallel=True)
+def add_diagonal(grid, x, across, diagonal):
+    """Add to `diagonal` [3, B, 64] what the impulse on a face changes by with its own velocity [kg].
+
+    `across` [P] is that of `tangent_stress` times volume and step. Where component a has the gradient g, the square of the
+    strain rate's deviator is |g|^2 / 2 + g_a^2 / 6.
+    """
+    scale = 16.0 / grid.spacing**2
+    for colour in range(COLOURS):
+        for t in prange(grid.turns[colour], grid.turns[colour + 1]):
+            b = grid.turn[t]
+            tiles = np.zeros((3, FIELD))
+            weight, first = np.empty((3, 2, 6)), np.empty((3, 2), np.int64)
+            for p in range(grid.start[b], grid.start[b + 1]):
+                weigh(x[p], grid.origin, grid.spacing, grid.place[b], weight, first)
+                for axis in range(3):
+                    for kind in range(2):
+                        for k in range(6):
+                            weight[axis, kind, k] *= weight[axis, kind, k]
+                side, own = scale * across[p] / 2.0, scale * across[p] * 2.0 / 3.0
+                scatter(tiles[0], weight, first, 0, 0.0, own, side, side)
+                scatter(tiles[1], weight, first, 1, 0.0, side, own, side)
+                scatter(tiles[2], weight, first, 2, 0.0, side, side, own)
+            for a in range(3):
+                add(grid.near[b], tiles[a], diagonal[a])
 
 
 @njit(cache=True, parallel=True)

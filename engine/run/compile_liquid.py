@@ -9,7 +9,7 @@ from engine.liquid.mirror import reflect
 from engine.liquid.model import LiquidModel
 from engine.liquid.observe import of_cells
 from engine.liquid.pressure import accelerate, divergence, pressure, spread_outwards, wet_cells
-from engine.liquid.shear import add_elastic_impulse, add_tangent_impulse, add_to_cells
+from engine.liquid.shear import add_diagonal, add_elastic_impulse, add_tangent_impulse
 from engine.liquid.surface import deep
 from engine.liquid.transfer import to_particles
 from engine.liquid.walls import open_space, push_out
@@ -28,7 +28,7 @@ def rest_of_a_step(elastic: bool) -> None:
         add_tangent_impulse(grid, x, tangent, u, force)
         add_elastic_impulse(grid, x, volume, strain, u, 1.0, 1.0, 0.0, 1.0, 1.0, True, force, tangent)
         evolve.flow(affine, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0, True, strain, volume.copy())
-        add_to_cells(grid, x, tangent[:, 6], grid.cells())
+        add_diagonal(grid, x, tangent[:, 6], force)
     plane = Solids(np.zeros(1, np.int64), np.full((1, 3), -9.0), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 4), np.int64),
                    np.zeros(0))
     push_out(grid, nothing.near, nothing.distance, 1.0, plane, plane, 1.0, x, velocity)

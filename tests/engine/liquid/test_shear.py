@@ -6,7 +6,7 @@ import pytest
 from engine.liquid.grid import sorted_grid, taken
 from engine.liquid.rheology import flow_step
 from engine.liquid.settings import LiquidSettings
-from engine.liquid.shear import add_elastic_impulse, add_tangent_impulse, add_viscous_impulse, shear_solve
+from engine.liquid.shear import add_diagonal, add_elastic_impulse, add_tangent_impulse, add_viscous_impulse, shear_solve
 from engine.liquid.transfer import to_particles
 from engine.liquid.walls import open_space
 from tests.engine.liquid.pools import CREAM, SPACING, UNSTRAINED, lattice, liquid, on_grid
@@ -91,6 +91,18 @@ def test_the_matrix_is_symmetric_and_positive():
     assert (lump.product(tangent, u) * u).sum() < 0
     even = lump.product(tangent, np.ones_like(u))
     assert np.abs(even).max() < 1e-9 * np.abs(lump.product(tangent, u)).max(), "what moves evenly is not strained"
+
+
+def test_the_diagonal_is_that_of_the_matrix():
+    lump = Lump(**CREAM)
+    tangent = np.zeros((len(lump.x), 8), np.float32)
+    tangent[:, 6] = tangent[:, 7] = np.random.default_rng(0).uniform(1, 2, len(lump.x))
+    diagonal = lump.grid.faces()
+    add_diagonal(lump.grid, lump.x, tangent[:, 6], diagonal)
+    for face in np.flatnonzero(lump.mass.reshape(-1))[::97]:
+        unit = lump.grid.faces()
+        unit.reshape(-1)[face] = 1.0
+        assert -lump.product(tangent, unit).reshape(-1)[face] == pytest.approx(diagonal.reshape(-1)[face], rel=1e-9)
 
 
 def test_the_matrix_is_the_derivative_where_strains_are_small():
