@@ -88,6 +88,7 @@ def solve(m: Multigrid, load: Floats, p: Floats, tolerance: float, most: int) ->
         while residual > tolerance and iterations < most:
             iterations += 1
             _cycle(m, 0, r, z)
+            m.sealed.remove_mean(z)  # the bottom, singular but for a ridge, makes much of round-off there
             before, rho = rho, dot(r[:, None], z[:, None])
             turn(rho / before, z[:, None], d[:, None])
             m.system.multiply(d, q)
