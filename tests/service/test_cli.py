@@ -15,8 +15,8 @@ import engine.validate.catalogue
 from engine.scene.load import load_scene, shipped_scenes
 from engine.scene.size import estimate
 from service.cli import main
-from service.wording import extent
 from service.commands import serve
+from service.wording import extent
 from tests.service.conftest import wait_for
 
 RUNNER = CliRunner()
