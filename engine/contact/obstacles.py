@@ -14,7 +14,7 @@ from numba import njit
 from engine.arrays import Floats, Ints
 from engine.contact.surface import Surfaces
 from engine.geometry.handles import Handles
-from engine.geometry.solids import SAMPLED, Solids, distance_to
+from engine.geometry.solids import SAMPLED, Solids, distance_to, nearest
 from engine.yarns.coulomb import follow, huber
 
 
@@ -89,7 +89,7 @@ def carry(points, begin, end, friction, last_force, x0, anchor, normal, limit):
     """
     local = np.empty(3)
     for p in points:
-        o = _nearest(begin, x0[p], local)
+        _, o = nearest(begin, x0[p], local)
         limit[p] = friction[o] * last_force[p]
         for k in range(3):
             normal[p, k] = local[k]
@@ -177,7 +177,7 @@ def settle(points, solids, distance, stiffness, limit, x, anchor, force):
     normal, slip = np.empty(3), np.empty(3)
     deepest = 0.0
     for p in points:
-        o = _nearest(solids, x[p], normal)
+        _, o = nearest(solids, x[p], normal)
         gap = distance_to(solids, o, x[p], normal)
         deepest = max(deepest, -gap)
         force[p] = stiffness[p] * max(distance[p] - gap, 0.0)
@@ -189,22 +189,6 @@ def settle(points, solids, distance, stiffness, limit, x, anchor, force):
         for k in range(3):
             anchor[p, k] = x[p, k] - keep * slip[k]
     return deepest
-
-
-@njit(cache=True)
-def _nearest(solids, x, normal):
-    """Index of the obstacle nearest to x; its unit normal is written."""
-    best, least = 0, np.inf
-    for o in range(len(solids.kind)):
-        distance = distance_to(solids, o, x, normal)
-        if distance < least:
-            best, least = o, distance
-    distance_to(solids, best, x, normal)
-    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-    if length > 0.0:  # samples may have no slope in the middle of a body
-        for k in range(3):
-            normal[k] /= length
-    return best
 
 
 @njit(cache=True)

@@ -82,7 +82,7 @@ def _keep_distances(begin, end, o, x, there):
 
 @njit(cache=True)
 def to_unit(normal):
-    """Scale a vector [3] to a length of 1, if it has any."""
+    """Scale a vector [3] to a length of 1, if it has any: samples may have no slope in the middle of a body."""
     length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
     if length > 0.0:
         normal[0] /= length

@@ -139,7 +139,7 @@ class LiquidInMotion:
                 sized = relax(self.model, sized, clear)
                 vars(state).update(vars(sized))
                 order = np.full(len(state.x), -1)
-                self.stepper.particle_pressure = np.zeros(len(order), np.float32)
+                stepper.particle_pressure = np.zeros(len(order), np.float32)
         return order
 
 
