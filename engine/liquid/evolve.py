@@ -4,9 +4,8 @@ import numpy as np
 from numba import njit, prange
 
 from engine.liquid.rheology import (
-    analytic_return,
     elastic_trial,
-    implicit_return,
+    plastic_return,
     plastic_strain,
     relaxed_strain,
     trial_stress,
@@ -27,10 +26,7 @@ def flow(affine, h, shear_modulus, yield_norm, consistency, flow_index, recovery
         trial = elastic_trial(strain[p], affine[p], h)
         _, size, mu_hat = trial_stress(trial, shear_modulus)
         pull = shear_modulus * size
-        if implicit:
-            s, _ = implicit_return(pull, mu_hat, h, yield_norm, consistency, flow_index)
-        else:
-            s, _ = analytic_return(pull, mu_hat, h, yield_norm, consistency, flow_index)
+        s, _ = plastic_return(pull, mu_hat, h, yield_norm, consistency, flow_index, implicit)
         history[p] = plastic_strain(history[p], pull, s, mu_hat, recovery_rate, h)
         after = trial
         if s < pull:

@@ -37,15 +37,21 @@ class CellMirror(NamedTuple):
 
 
 @njit(cache=True)
+def _image(mirror, g, u):
+    """Return what the faces before walls give to face number g behind them."""
+    value = 0.0
+    for m in range(24):
+        if mirror.weight[g, m] != 0.0:
+            value += mirror.weight[g, m] * u[mirror.parent[g, m]]
+    return value
+
+
+@njit(cache=True)
 def reflect(mirror, u):
     """Set the faces behind walls of u [3, B, 64]."""
     flat = u.reshape(-1)
     for g in range(len(mirror.face)):
-        value = mirror.given[g]
-        for m in range(24):
-            if mirror.weight[g, m] != 0.0:
-                value += mirror.weight[g, m] * flat[mirror.parent[g, m]]
-        flat[mirror.face[g]] = value
+        flat[mirror.face[g]] = mirror.given[g] + _image(mirror, g, flat)
 
 
 @njit(cache=True)
@@ -53,11 +59,7 @@ def reflect_change(mirror, u):
     """Set the faces behind walls of a change u [3, B, 64], to which walls add nothing."""
     flat = u.reshape(-1)
     for g in range(len(mirror.face)):
-        value = 0.0
-        for m in range(24):
-            if mirror.weight[g, m] != 0.0:
-                value += mirror.weight[g, m] * flat[mirror.parent[g, m]]
-        flat[mirror.face[g]] = value
+        flat[mirror.face[g]] = _image(mirror, g, flat)
 
 
 @njit(cache=True)
@@ -156,7 +158,7 @@ def _write_mirror(grid, begin, end, h, behind, no_slip, before, parent, weight, 
         given[g] = velocity[axis]
         for m in range(3):
             mine = slice(8 * m, 8 * m + 8)
-            total, moment = _parents(grid, b, x, m, normal, away, before, parent[g, mine], weight[g, mine])
+            total, moment = parents(grid, b, x, m, normal, away, before, parent[g, mine], weight[g, mine])
             if total == 0.0:
                 continue
             # what turns about falls evenly to the wall: so it does where only some of the faces around the image are there
@@ -187,13 +189,13 @@ def _write_cell_mirror(grid, end, behind, before, parent, weight):
                 x[m] -= 2.0 * distance * normal[m]
             if nearest(end, x, normal)[0] >= 0.0:
                 break
-        total, _ = _parents(grid, b, x, 3, normal, 0.0, before, parent[g], weight[g])
+        total, _ = parents(grid, b, x, 3, normal, 0.0, before, parent[g], weight[g])
         for m in range(8):
             weight[g, m] = weight[g, m] / total if total > 0.0 else 0.0
 
 
 @njit(cache=True)
-def _parents(grid, b, x, axis, normal, away, before, parent, weight):
+def parents(grid, b, x, axis, normal, away, before, parent, weight):
     """Write the 8 faces of a component (3: cells) around x and their linear weights, 0 for those not before a wall.
 
     Returns the sum of weights, and that of weights times distances from a plane `away` [m] below x along `normal` [3].

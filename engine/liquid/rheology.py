@@ -110,6 +110,14 @@ def implicit_return(trial, mu_hat, h, yield_norm, consistency, flow_index):
     return yield_norm + left * excess, flow_index * left / (flow_index * left + (1.0 - left))
 
 
+@njit(cache=True)
+def plastic_return(trial, mu_hat, h, yield_norm, consistency, flow_index, implicit):
+    """Return the norm of shear stress s [Pa] and ds/ds*, by backward Euler where `implicit`, else in closed form."""
+    if implicit:
+        return implicit_return(trial, mu_hat, h, yield_norm, consistency, flow_index)
+    return analytic_return(trial, mu_hat, h, yield_norm, consistency, flow_index)
+
+
 @njit(cache=True, error_model="numpy")
 def _root(a, b, k):
     """Return z of a z + b z^k = 1 for a, b >= 0, k >= 1: convex and rising, so Newton's steps from above only fall."""
@@ -213,10 +221,7 @@ def flow_step(b, gradient, h, shear_modulus, yield_norm, consistency, flow_index
     if size == 0.0:
         return trial
     pull = shear_modulus * size
-    if implicit:
-        s, _ = implicit_return(pull, mu_hat, h, yield_norm, consistency, flow_index)
-    else:
-        s, _ = analytic_return(pull, mu_hat, h, yield_norm, consistency, flow_index)
+    s, _ = plastic_return(pull, mu_hat, h, yield_norm, consistency, flow_index, implicit)
     return relaxed_strain(trial, s / pull)
 
 

@@ -17,10 +17,9 @@ from engine.liquid.grid import CELLS, COLOURS, Grid
 from engine.liquid.mirror import Mirror, collect, reflect, reflect_change
 from engine.liquid.model import LiquidModel
 from engine.liquid.rheology import (
-    analytic_return,
     elastic_trial,
-    implicit_return,
     newtonian_stress,
+    plastic_return,
     strain_rate,
     tangent_stress,
     trial_stress,
@@ -190,10 +189,7 @@ def add_elastic_impulse(grid, x, volume, strain, u, h, shear_modulus, yield_norm
                 trial = elastic_trial(strain[p], gradient, h)
                 unit, size, mu_hat = trial_stress(trial, shear_modulus)
                 pull = shear_modulus * size
-                if implicit:
-                    s, slope = implicit_return(pull, mu_hat, h, yield_norm, consistency, flow_index)
-                else:
-                    s, slope = analytic_return(pull, mu_hat, h, yield_norm, consistency, flow_index)
+                s, slope = plastic_return(pull, mu_hat, h, yield_norm, consistency, flow_index, implicit)
                 _scatter_stress(forces, weight, first, -h * volume[p] * s * scale, unit)
                 for k in range(6):
                     tangent[p, k] = unit[k]

@@ -4,6 +4,7 @@ import numpy as np
 
 from engine.geometry.solids import Solids
 from engine.liquid import evolve
+from engine.liquid.boundary_layer import extend
 from engine.liquid.grid import sorted_grid
 from engine.liquid.mirror import reflect
 from engine.liquid.model import LiquidModel
@@ -35,6 +36,8 @@ def rest_of_a_step(elastic: bool) -> None:
     evolve.wrap(x, model.origin, model.spacing * model.period)
     evolve.shift(grid, x, u, x.copy())
     evolve.move(x, velocity, 0.0)
+    if elastic:
+        extend(grid, plane, plane, 1.0, nothing.mirror.face, u, u)
     to_particles(grid, x, u, velocity, affine)
     wet = wet_cells(grid, filled, filled, nothing.open, np.ones_like(u), np.broadcast_to(0.0, filled.shape), model.period)
     p, _ = pressure(wet, np.ones(len(wet.cell)), 1e-3, 2)

@@ -12,6 +12,7 @@ import numpy as np
 from engine.arrays import Flags, Floats
 from engine.geometry.solids import Solids
 from engine.liquid import evolve
+from engine.liquid.boundary_layer import extend
 from engine.liquid.grid import Grid, face_means, sorted_grid, taken
 from engine.liquid.mirror import collect_mass, collect_momentum, reflect
 from engine.liquid.model import LiquidModel, LiquidState
@@ -136,9 +137,13 @@ class LiquidStepper:
         consistency = model.consistency if explicit and not model.elastic else 0.0
         to_grid(grid, state.x, state.velocity, state.affine, state.volume, model.density, h, consistency, stress, mass, u, filled)
         found = open_space(grid) if end is None or begin is None else walls(grid, begin, end, h, model.no_slip, mass)
-        collect_momentum(found.mirror, mass, u)
-        collect_mass(found.mirror, mass)
-        np.divide(u, mass, out=u, where=mass > 0.0)
+        if self._has_boundary_layer(h):
+            np.divide(u, mass, out=u, where=mass > 0.0)
+            collect_mass(found.mirror, mass)
+        else:
+            collect_momentum(found.mirror, mass, u)
+            collect_mass(found.mirror, mass)
+            np.divide(u, mass, out=u, where=mass > 0.0)
         reflect(found.mirror, u)
         fold(found, filled)
         compression = np.zeros((0, 64))
@@ -152,11 +157,19 @@ class LiquidStepper:
         depths(filled, depth)
         return Flow(h, begin, end, grid, found, mass, u, filled, depth, compression)
 
+    def _has_boundary_layer(self, h: float) -> bool:
+        """Say whether velocities before walls are taken as they are, and stress alone brakes them.
+
+        Explicit stress is part of the momentum behind walls, which then has to be that of mirror images.
+        """
+        return self.model.no_slip and self._shear_is_implicit(h)
+
     def _shear_is_implicit(self, h: float) -> bool:
         model = self.model
         if model.elastic:
             return self.settings.shear == "implicit"
-        return 0.5 * model.consistency * h > DIFFUSES * model.density * model.spacing**2
+        sticks = model.no_slip and model.consistency > 0.0
+        return sticks or 0.5 * model.consistency * h > DIFFUSES * model.density * model.spacing**2
 
     def _shear(self, flow: Flow, state: LiquidState, report: StepReport) -> bool:
         """Let gravity and, where it is implicit, shear stress act (eq. 14.6); False where that does not converge."""
@@ -278,6 +291,9 @@ class LiquidStepper:
                         state.plastic_strain)
             if state.compression is not None and np.isfinite(model.tearing_strain):
                 evolve.tear(state.plastic_strain, model.tearing_strain, state.compression)
+        if self._has_boundary_layer(h) and flow.begin is not None and flow.end is not None:
+            extend(grid, flow.begin, flow.end, h, flow.walls.mirror.face, flow.mass, flow.u)
+            to_particles(grid, state.x, flow.u, state.velocity, state.affine)
         moved = state.x.copy() if by.shape[1] else state.x
         evolve.move(moved, state.velocity, h)
         if by.shape[1]:
