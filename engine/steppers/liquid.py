@@ -259,8 +259,6 @@ class LiquidStepper:
         They are the gradient of a potential, found like the pressure, and have nothing to do with velocities.
         """
         model = self.model
-        if not model.incompressible:
-            return np.zeros((3, 0, 64))
         _, twice = deep(flow.grid, flow.filled, flow.walls.distance)
         excess = flow.filled - 1.0
         wrong = np.where(twice, excess, np.maximum(excess - NOISE, 0.0)).reshape(-1)[wet.cell]
@@ -294,11 +292,10 @@ class LiquidStepper:
         if self._has_boundary_layer(h) and flow.begin is not None and flow.end is not None:
             extend(grid, flow.begin, flow.end, h, flow.walls.mirror.face, flow.mass, flow.u)
             to_particles(grid, state.x, flow.u, state.velocity, state.affine)
-        moved = state.x.copy() if by.shape[1] else state.x
+        moved = state.x.copy()
         evolve.move(moved, state.velocity, h)
-        if by.shape[1]:
-            evolve.shift(grid, state.x, by, moved)
-            state.x = moved
+        evolve.shift(grid, state.x, by, moved)
+        state.x = moved
         if flow.begin is not None and flow.end is not None:
             moved_by = self.settings.courant + SPREAD_LIMIT
             push_out(grid, flow.walls.near, flow.walls.distance, moved_by, flow.begin, flow.end, h, state.x, state.velocity)
