@@ -50,18 +50,19 @@ def _at(z, u, height):
 
 
 @njit(cache=True, parallel=True)
-def extend(grid, begin, end, h, behind, mass, u):
+def extend(grid, begin, end, h, behind, mass, inertia, u):
     """Let u [3, B, 64] [m/s], which is a mirror image at the faces `behind` [G] walls that stick, go on there.
 
-    Along the wall it goes on smoothly from what it is before, yet stays between what sticks and what slips. Walls move from
-    `begin` to `end` in h [s]; faces without `mass` [3, B, 64] have no velocity to look at.
+    Along the wall it goes on smoothly from what it is before, yet stays between what sticks and what slips, and is closer to what
+    sticks the less is the share of `inertia` [3, B, 64] in what holds faces back. Walls move from `begin` to `end` in h [s];
+    faces without `mass` [3, B, 64] have no velocity to look at.
     """
-    flat, before = u.reshape(-1), mass.reshape(-1) > 0.0
+    flat, free, before = u.reshape(-1), inertia.reshape(-1), mass.reshape(-1) > 0.0
     before[behind] = False
     for g in prange(len(behind)):
         axis, b, c = behind[g] // (CELLS * len(grid.place)), behind[g] // CELLS % len(grid.place), behind[g] % CELLS
         x, normal, image, unused, wall = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-        at, height = np.empty((SAMPLES, 3)), np.empty((SAMPLES, 3))
+        at, height, share = np.empty((SAMPLES, 3)), np.empty((SAMPLES, 3)), np.empty(3)
         centre_of(grid, b, c, axis, x)
         distance, o = nearest(end, x, normal)
         depth = max(-distance, 0.0)
@@ -73,6 +74,8 @@ def extend(grid, begin, end, h, behind, mass, u):
         away, samples = max(depth, NEAREST * grid.spacing), 0
         for k in range(3):
             image[k] = x[k] + (depth + away) * normal[k]
+        if not _sample(grid, b, image, normal, away, before, free, share, unused):
+            continue
         while samples < SAMPLES and _sample(grid, b, image, normal, away + samples * grid.spacing, before, flat, at[samples],
                                             height[samples]):
             if samples > 0 and (height[samples] - height[samples - 1]).min() < APART * grid.spacing:
@@ -90,5 +93,5 @@ def extend(grid, begin, end, h, behind, mass, u):
         slips = _at(height[:samples, axis], at[:samples, axis], away) - into * normal[axis]
         on = _at(height[:samples, axis], at[:samples, axis], -depth) - rise * normal[axis]
         stuck = -depth / away * slips
-        along = min(max(on, min(stuck, slips)), max(stuck, slips))
+        along = stuck + share[axis] * (min(max(on, min(stuck, slips)), max(stuck, slips)) - stuck)
         flat[behind[g]] = wall[axis] + along - depth / away * into * normal[axis]

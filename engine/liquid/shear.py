@@ -40,6 +40,7 @@ class Sheared(NamedTuple):
     newton: int
     linear: int
     residual: float  # what is left over, in units of the impulses of gravity and stress
+    inertia: Floats  # its share, beside stress, of what holds a face back in a step: 1 of what does not shear, shape [3, B, 64]
 
 
 def shear_solve(
@@ -67,9 +68,10 @@ def shear_solve(
                 break
             step *= SHRINK
         else:
-            return Sheared(u, False, newton, linear, size / scale)
+            return Sheared(u, False, newton, linear, size / scale, system.inertia())
         u = trial
-    return Sheared(u, size <= settings.shear_tolerance * scale, newton, linear, size / scale if scale > 0.0 else 0.0)
+    converged = size <= settings.shear_tolerance * scale
+    return Sheared(u, converged, newton, linear, size / scale if scale > 0.0 else 0.0, system.inertia())
 
 
 class _System:
@@ -126,6 +128,11 @@ class _System:
             turn(rho_next / rho, _rows(z), _rows(p))
             rho = rho_next
         return change, most
+
+    def inertia(self) -> Floats:
+        """Return the share of mass in the diagonal of Newton's matrix at the velocities that `residual` last saw."""
+        self._set_diagonal()
+        return self.mass / self.diagonal
 
     def _multiply(self, p: Floats, q: Floats) -> None:
         """Write what Newton's matrix makes of a change p of u."""

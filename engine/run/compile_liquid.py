@@ -37,7 +37,7 @@ def rest_of_a_step(elastic: bool) -> None:
     evolve.shift(grid, x, u, x.copy())
     evolve.move(x, velocity, 0.0)
     if elastic:
-        extend(grid, plane, plane, 1.0, nothing.mirror.face, u, u)
+        extend(grid, plane, plane, 1.0, nothing.mirror.face, u, u, u)
     to_particles(grid, x, u, velocity, affine)
     wet = wet_cells(grid, filled, filled, nothing.open, np.ones_like(u), np.broadcast_to(0.0, filled.shape), model.period)
     p, _ = pressure(wet, np.ones(len(wet.cell)), 1e-3, 2)

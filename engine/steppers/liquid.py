@@ -46,6 +46,7 @@ class Flow:
     filled: Floats  # share of cells, shape [B, 64]
     depth: Floats  # of cell centres below the surface [spacings], shape [B, 64]
     compression: Floats  # of cells, shape [B, 64]; [0, 64] where nothing is compressed
+    inertia: Floats | None = None  # its share in what holds faces back, beside implicit stress, shape [3, B, 64]
 
 
 class LiquidStepper:
@@ -181,7 +182,7 @@ class LiquidStepper:
         sheared = shear_solve(flow.grid, self.model, self.settings, state.x, state.volume, state.strain, flow.walls.mirror,
                               flow.mass, flow.u, free, h)
         report.newton_iterations, report.linear_iterations = sheared.newton, sheared.linear
-        report.residual, flow.u = sheared.residual, sheared.u
+        report.residual, flow.u, flow.inertia = sheared.residual, sheared.u, sheared.inertia
         if not sheared.converged:
             report.reason = f"shear did not converge: {sheared.residual:.2g} left of it after {sheared.newton} iterations"
         return sheared.converged
@@ -290,7 +291,7 @@ class LiquidStepper:
             if state.compression is not None and np.isfinite(model.tearing_strain):
                 evolve.tear(state.plastic_strain, model.tearing_strain, state.compression)
         if self._has_boundary_layer(h) and flow.begin is not None and flow.end is not None:
-            extend(grid, flow.begin, flow.end, h, flow.walls.mirror.face, flow.mass, flow.u)
+            extend(grid, flow.begin, flow.end, h, flow.walls.mirror.face, flow.mass, flow.inertia, flow.u)
             to_particles(grid, state.x, flow.u, state.velocity, state.affine)
         moved = state.x.copy()
         evolve.move(moved, state.velocity, h)

@@ -14,7 +14,7 @@ from tests.engine.liquid.test_walls import MIDDLE, H, held, inner, unit, ways, w
 from tests.engine.threads import on_one_and_two_threads
 
 
-def behind_a_wall(n, offset, field, speed=(0.0, 0.0, 0.0)):
+def behind_a_wall(n, offset, field, speed=(0.0, 0.0, 0.0), inertia=1.0):
     """Velocities of faces behind a plane as mirror images, as they go on, and as `field` has them."""
     n, point, speed = unit(n), MIDDLE + offset, np.array(speed)
     solids = planes((point, n))
@@ -29,7 +29,7 @@ def behind_a_wall(n, offset, field, speed=(0.0, 0.0, 0.0)):
     u.reshape(-1)[found.mirror.face] = np.nan
     reflect(found.mirror, u)
     mirrored = u.copy()
-    extend(grid, begin, solids, H, found.mirror.face, mass, u)
+    extend(grid, begin, solids, H, found.mirror.face, mass, np.full_like(mass, inertia), u)
     there = found.mirror.face[inner(grid, found.mirror.face)]
     assert len(there) > 50
     return [of.reshape(-1)[there] for of in (mirrored, u, wanted)]
@@ -69,6 +69,11 @@ def test_it_stays_between_what_sticks_and_what_slips(layers):
     assert (np.abs(u) <= np.abs(mirrored) + 1e-12).all()
 
 
+def test_what_stress_alone_holds_back_sticks():
+    mirrored, u, _ = behind_a_wall((0, 0, 1), np.zeros(3), lambda z, n: np.ones((*z.shape, 3)) - n, inertia=0.0)
+    np.testing.assert_allclose(u, mirrored, atol=1e-12)
+
+
 @pytest.mark.parametrize("cells, h, steps, within", [(12, 8e-3, 40, 0.02), (12, 2e-3, 160, 0.06), (24, 2e-3, 160, 0.02)])
 def test_a_plate_brakes_what_slides_along_it(cells, h, steps, within):
     """By 2 U sqrt(nu t / pi) per area and density (Rayleigh 1911), once the layer is more than a cell thick."""
@@ -106,7 +111,7 @@ def test_the_same_bits_on_any_number_of_threads():
         grid, mass, _, found = held(lambda x: (np.abs(x - MIDDLE - 0.005) < 0.025).all(axis=1), solids, True)
         u = np.random.default_rng(0).normal(size=mass.shape)
         reflect(found.mirror, u)
-        extend(grid, solids, solids, H, found.mirror.face, mass, u)
+        extend(grid, solids, solids, H, found.mirror.face, mass, np.ones_like(mass), u)
         return u
 
     assert np.array_equal(*on_one_and_two_threads(extended))
