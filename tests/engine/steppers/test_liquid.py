@@ -158,6 +158,22 @@ def test_air_presses_on_what_compresses_no_more_than_once():
     assert state.compression[np.linalg.norm(state.x, axis=1) < 0.02].mean() < 1.0 - 0.5 * 2 * 0.07 / 0.035 / 1e4
 
 
+def test_foam_under_a_plate_keeps_its_volume():
+    """A plate presses a slab to two thirds of its height, and comes back: particles stay spread as far as they are compressed."""
+    model, h = liquid(**CREAM | {"no_slip": True}), 4e-3
+    state = particles(model, lattice((-0.04, -0.04, 0), (0.04, 0.04, 0.03)))
+    stepper, height, drift = LiquidStepper(model, np.array((0.0, 0.0, -9.81))), 0.03, []
+
+    def between(top):
+        return planes(((0, 0, 0), (0, 0, 1)), ((0, 0, top), (0, 0, -1)))
+
+    for n in range(100):
+        before, height = height, height + (-2e-4 if n < 50 else 1e-4)
+        assert stepper.step(state, h, between(before), between(height)).accepted
+        drift.append(stepper.volume(state, between(height), between(height)) / (0.08 * 0.08 * 0.03 * state.compression.mean()) - 1.0)
+    assert np.abs(drift).max() < 0.03 and abs(drift[-1]) < 0.01
+
+
 @kinds
 def test_a_step_that_is_too_large_leaves_all_as_it_was(kind):
     model = liquid(**KINDS[kind])
