@@ -13,7 +13,7 @@ from engine.scene.liquid_materials import LiquidMaterial
 from engine.validate import liquid_film, liquid_volume
 from engine.validate.liquids import EARTH, PER_SIDE
 
-FILM_CELLS, FILM_COURANTS = (8, 16, 32), (0.5, 0.25)
+FILM_CELLS, FILM_STEPS, FILM_COURANT = (8, 16, 32), (1.5e-3, 5e-4, 1.5e-4), 1.0  # steps [s], none beyond that Courant number
 FRONT_CELLS, FRONT_COURANTS = (4, 8, 16), (0.8, 0.4)
 FINEST = (32, 0.4)  # cells and Courant number of the dam break that all others are compared with
 BREADTH = 0.05715  # of the column, 2.25 inches [m]
@@ -28,19 +28,22 @@ MEASURED = np.array([
 
 @benchmark("liquid-front", summary="error against wall time of a film and of a dam break's front, by cells and Courant numbers")
 def liquid_front() -> Iterator[Measurement | Note]:
-    """Every pair of cells and Courant numbers for the profile of two films, and for the front of a dam break."""
+    """Every pair of cells and steps for the profile of two films, of cells and Courant numbers for the front of a dam break."""
     for name in ("Newtonian", "Bingham"):
-        yield from of_film(name, liquid_film.LIQUIDS[name], FILM_CELLS, FILM_COURANTS)
+        yield from of_film(name, liquid_film.LIQUIDS[name], FILM_CELLS, FILM_STEPS)
     yield from of_dam(FRONT_CELLS, FRONT_COURANTS, FINEST)
 
 
-def of_film(name: str, material: LiquidMaterial, cells: Sequence[int], courants: Sequence[float]) -> Iterator[Measurement]:
-    """Yield a row for every pair of cells through the film and Courant numbers; the error is that of its profile."""
-    liquid_film.steady(material, cells[0], courants[0], enough=1.0)  # compiles the kernels, untimed
+def of_film(name: str, material: LiquidMaterial, cells: Sequence[int], steps: Sequence[float]) -> Iterator[Measurement]:
+    """Yield a row for every pair of cells through the film and steps [s], whose size is steps a second.
+
+    The error is that of the profile.
+    """
+    liquid_film.steady(material, cells[0], enough=1.0)  # compiles the kernels, untimed
     yield from rows([
-        tried(f"{name} film, {n} cells", 1.0 / courant, partial(liquid_film.steady, material, n, courant),
+        tried(f"{name} film, {n} cells", 1.0 / h, partial(liquid_film.steady, material, n, FILM_COURANT, longest=h),
               lambda film: film.velocity, cells=n)
-        for n in cells for courant in courants
+        for n in cells for h in steps
     ])
 
 

@@ -19,12 +19,11 @@ APART = 0.25  # spacings by which faces that stand for them must differ
 
 
 @njit(cache=True)
-def _sample(grid, b, x, normal, away, before, u, velocity, height):
+def _sample(grid, b, x, normal, away, before, u, parent, weight, velocity, height):
     """Write the velocity [3] at x, `away` [m] before a wall, and the height [3] above it of the faces that it is of.
 
-    Returns whether every component has such faces.
+    Returns whether every component has such faces, of which `parent` and `weight` [8] are the last component's.
     """
-    parent, weight = np.zeros(8, np.int32), np.zeros(8)
     for m in range(3):
         weight[:] = 0.0
         total, moment = parents(grid, b, x, m, normal, away, before, parent, weight)
@@ -63,6 +62,7 @@ def extend(grid, begin, end, h, behind, mass, inertia, u):
         axis, b, c = behind[g] // (CELLS * len(grid.place)), behind[g] // CELLS % len(grid.place), behind[g] % CELLS
         x, normal, image, unused, wall = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
         at, height, share = np.empty((SAMPLES, 3)), np.empty((SAMPLES, 3)), np.empty(3)
+        parent, weight = np.zeros(8, np.int32), np.zeros(8)
         centre_of(grid, b, c, axis, x)
         distance, o = nearest(end, x, normal)
         depth = max(-distance, 0.0)
@@ -74,11 +74,14 @@ def extend(grid, begin, end, h, behind, mass, inertia, u):
         away, samples = max(depth, NEAREST * grid.spacing), 0
         for k in range(3):
             image[k] = x[k] + (depth + away) * normal[k]
-        if not _sample(grid, b, image, normal, away, before, free, share, unused):
+        if not _sample(grid, b, image, normal, away, before, free, parent, weight, share, unused):
             continue
-        while samples < SAMPLES and _sample(grid, b, image, normal, away + samples * grid.spacing, before, flat, at[samples],
-                                            height[samples]):
-            if samples > 0 and (height[samples] - height[samples - 1]).min() < APART * grid.spacing:
+        while samples < SAMPLES and _sample(grid, b, image, normal, away + samples * grid.spacing, before, flat, parent, weight,
+                                            at[samples], height[samples]):
+            apart = np.inf
+            for m in range(3):
+                apart = min(apart, height[samples, m] - height[max(samples - 1, 0), m])
+            if samples > 0 and apart < APART * grid.spacing:
                 break
             for k in range(3):
                 image[k] += grid.spacing * normal[k]

@@ -72,8 +72,8 @@ def move(x, velocity, h):
 
 
 @njit(cache=True, parallel=True)
-def shift(grid, x, by, moved):
-    """Move particles that are at x [P, 3] [m] by displacements of faces [3, B, 64] [m]; writes to `moved` [P, 3]."""
+def shift(grid, x, by):
+    """Move particles at x [P, 3] [m], by which they are sorted, by displacements of faces [3, B, 64] [m]."""
     for t in prange(len(grid.turn)):
         b = grid.turn[t]
         tiles = np.empty((3, FIELD))
@@ -84,7 +84,7 @@ def shift(grid, x, by, moved):
             weigh(x[p], grid.origin, grid.spacing, grid.place[b], weight, first)
             for a in range(3):
                 value, _, _, _ = gather(tiles[a], weight, first, a)
-                moved[p, a] += value
+                x[p, a] += value
 
 
 @njit(cache=True, parallel=True)

@@ -34,7 +34,7 @@ def rest_of_a_step(elastic: bool) -> None:
                    np.zeros(0))
     push_out(grid, nothing.near, nothing.distance, 1.0, plane, plane, 1.0, x, velocity)
     evolve.wrap(x, model.origin, model.spacing * model.period)
-    evolve.shift(grid, x, u, x.copy())
+    evolve.shift(grid, x, u)
     evolve.move(x, velocity, 0.0)
     if elastic:
         extend(grid, plane, plane, 1.0, nothing.mirror.face, u, u, u)

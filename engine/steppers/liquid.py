@@ -293,10 +293,8 @@ class LiquidStepper:
         if self._has_boundary_layer(h) and flow.begin is not None and flow.end is not None:
             extend(grid, flow.begin, flow.end, h, flow.walls.mirror.face, flow.mass, flow.inertia, flow.u)
             to_particles(grid, state.x, flow.u, state.velocity, state.affine)
-        moved = state.x.copy()
-        evolve.move(moved, state.velocity, h)
-        evolve.shift(grid, state.x, by, moved)
-        state.x = moved
+        evolve.shift(grid, state.x, by)
+        evolve.move(state.x, state.velocity, h)
         if flow.begin is not None and flow.end is not None:
             moved_by = self.settings.courant + SPREAD_LIMIT
             push_out(grid, flow.walls.near, flow.walls.distance, moved_by, flow.begin, flow.end, h, state.x, state.velocity)

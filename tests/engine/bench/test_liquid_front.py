@@ -8,9 +8,9 @@ from engine.validate.liquid_film import LIQUIDS
 
 
 def test_more_cells_bring_a_film_nearer_to_its_profile():
-    coarse, fine = liquid_front.of_film("Newtonian", LIQUIDS["Newtonian"], (4, 8), (0.5,))
+    coarse, fine = liquid_front.of_film("Newtonian", LIQUIDS["Newtonian"], (4, 8), (5e-4,))
     assert fine.error < 0.5 * coarse.error < 0.05
-    assert (coarse.size, coarse.unit, coarse.details) == (2.0, "steps", {"cells": 4})
+    assert (coarse.size, coarse.unit, coarse.details) == (2000.0, "steps", {"cells": 4})
     assert fine.standing.on_front
 
 
