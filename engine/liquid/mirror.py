@@ -15,6 +15,7 @@ from engine.arrays import Floats
 from engine.geometry.solids import Solids, nearest, velocity_of
 from engine.liquid.grid import CELLS, SIDE, Grid, Indices, centre_of
 
+ON = 1e-6  # spacings within which a face is on a wall
 MOST = 2.0  # times, that a velocity before a wall is that behind
 IMAGES = 3  # walls that meet in a corner, each of which mirrors, and pushes out
 
@@ -78,7 +79,8 @@ def collect_momentum(mirror, mass, momentum):
     """Let the faces before walls have the momentum on those behind, whose `mass` [3, B, 64] that is, relative to the walls.
 
     With `collect_mass` it projects what particles bring onto velocities that are mirror images: energy never grows by that. Were
-    it left out, what a shear flow has behind the wall would be missing from what it has before, and thin layers gain speed.
+    it left out, what a shear flow has behind the wall would be missing from what it has before, and thin layers gain speed. Not
+    for particles that see velocities go on behind walls: of those, what is before the wall is whole by itself.
     """
     flat, heavy = momentum.reshape(-1), mass.reshape(-1)
     for g in range(len(mirror.face)):

@@ -34,7 +34,10 @@ def stressed(strain: Floats, shear_modulus: float) -> Floats:
 
 
 def shear_stress(model: LiquidModel, state: LiquidState) -> Floats:
-    """Return the shear stress that a rheometer would show [Pa], ||s|| / sqrt(2), shape [P]."""
+    """Return the shear stress that a rheometer would show [Pa], ||s|| / sqrt(2), shape [P].
+
+    Of a Newtonian liquid by the velocity gradient of particles, which have no part of a boundary layer thinner than a cell.
+    """
     if state.strain is not None:
         s = stressed(state.strain, model.shear_modulus)
         return np.sqrt(0.5 * (s[:, :3] ** 2).sum(axis=1) + (s[:, 3:] ** 2).sum(axis=1))

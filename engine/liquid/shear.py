@@ -40,7 +40,7 @@ class Sheared(NamedTuple):
     newton: int
     linear: int
     residual: float  # what is left over, in units of the impulses of gravity and stress
-    inertia: Floats  # its share, beside stress, of what holds a face back in a step: 1 of what does not shear, shape [3, B, 64]
+    inertia: Floats | None  # share of mass, beside stress, in the diagonal of Newton's matrix [3, B, 64]; None where liquid slips
 
 
 def shear_solve(
@@ -68,10 +68,11 @@ def shear_solve(
                 break
             step *= SHRINK
         else:
-            return Sheared(u, False, newton, linear, size / scale, system.inertia())
+            return Sheared(u, False, newton, linear, size / scale, None)
         u = trial
     converged = size <= settings.shear_tolerance * scale
-    return Sheared(u, converged, newton, linear, size / scale if scale > 0.0 else 0.0, system.inertia())
+    inertia = system.inertia() if converged and model.no_slip else None
+    return Sheared(u, converged, newton, linear, size / scale if scale > 0.0 else 0.0, inertia)
 
 
 class _System:
@@ -130,7 +131,10 @@ class _System:
         return change, most
 
     def inertia(self) -> Floats:
-        """Return the share of mass in the diagonal of Newton's matrix at the velocities that `residual` last saw."""
+        """Return the share of mass in the diagonal of Newton's matrix at the velocities that `residual` last saw [3, B, 64].
+
+        Without what faces behind walls add to it; 0 where there is no mass.
+        """
         self._set_diagonal()
         return self.mass / self.diagonal
 

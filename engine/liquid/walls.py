@@ -12,10 +12,9 @@ from numba import njit, prange
 from engine.arrays import Flags, Floats
 from engine.geometry.solids import Solids, distance_to, nearest, to_unit, velocity_of
 from engine.liquid.grid import CELLS, SIDE, Grid, centre_of
-from engine.liquid.mirror import IMAGES, CellMirror, Mirror, fold_back, mirrored, mirrored_cells, unfold
+from engine.liquid.mirror import IMAGES, ON, CellMirror, Mirror, fold_back, mirrored, mirrored_cells, unfold
 from engine.liquid.surface import seen
 
-ON = 1e-6  # spacings within which a face is on a wall
 REACH = 4.0  # spacings before a wall, up to which distances are told apart
 DIAGONAL = 1.0  # more than the spacings from a cell's centre to its corner
 LEAST_ROOM = 0.25  # of a cell: what has less is hardly before any wall

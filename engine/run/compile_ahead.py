@@ -38,11 +38,13 @@ def compile_ahead(scene: "Scene", threads: int | None = None) -> subprocess.Pope
 
 
 def _what_moves(scene: "Scene") -> str:
-    """Return what the process is told: of liquids whether they keep a strain, of yarns the precision of their linear system."""
+    """Return what the process is told: the kind of a liquid and whether it sticks, of yarns the precision of their system."""
     if scene.liquid is not None:
-        from engine.scene.liquid_materials import known_liquids
+        from engine.scene.liquid_materials import known_liquids, sticks
 
-        return "newtonian" if known_liquids(scene.liquid_materials)[scene.liquid.material].shear_modulus is None else "elastic"
+        material = known_liquids(scene.liquid_materials)[scene.liquid.material]
+        kind = "newtonian" if material.shear_modulus is None else "elastic"
+        return f"{kind} no-slip" if sticks(material, scene.liquid.walls) else f"{kind} slip"
     from engine.scene.size import estimate
     from engine.steppers.newton_system import precision
 
@@ -83,10 +85,11 @@ def system_of_a_step(precision: DTypeLike) -> None:
 
 if __name__ == "__main__":
     prepare_compile_cache()
-    if sys.argv[1] in ("newtonian", "elastic"):
+    kind, _, walls = sys.argv[1].partition(" ")
+    if walls:
         from engine.run.compile_liquid import rest_of_a_step
 
-        rest_of_a_step(sys.argv[1] == "elastic")
+        rest_of_a_step(kind == "elastic", walls == "no-slip")
     else:
         linear_algebra(sys.argv[1])
         system_of_a_step(sys.argv[1])

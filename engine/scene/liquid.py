@@ -150,7 +150,8 @@ class Liquid(Part):
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 0
     """Of the jitter; the same one gives the same particles."""
     walls: Literal["slip", "no-slip"] | None = None
-    """Whether liquid slides along obstacles and walls; by default it does where its material has no shear modulus."""
+    """Whether liquid slides along obstacles and walls; by default it does where its material has no shear modulus, and always
+    where it has no viscosity."""
     initial: Few[LiquidShape] = ()
     """What is full of liquid at the start; shapes that overlap hold it once, as the first of them says. There is none in
     obstacles nor beyond walls."""

@@ -14,7 +14,7 @@ from engine.liquid.sources import LiquidSources
 from engine.scene.handles import handle_numbers
 from engine.scene.liquid import SIDES, Liquid, LiquidBox, LiquidMesh, LiquidShape
 from engine.scene.liquid_bounds import bounds, origin, period
-from engine.scene.liquid_materials import known_liquids, liquid_constants
+from engine.scene.liquid_materials import known_liquids, liquid_constants, sticks
 from engine.scene.liquid_seeding import frame, holds, opening, own_pitch, seeded
 from engine.scene.schema import Scene
 
@@ -92,16 +92,16 @@ def with_walls(obstacles: Obstacles, liquid: Liquid) -> Obstacles:
 
 
 def _model(scene: Scene, liquid: Liquid) -> LiquidModel:
-    material = liquid_constants(known_liquids(scene.liquid_materials)[liquid.material])
+    material = known_liquids(scene.liquid_materials)[liquid.material]
     repeats = np.array([round(period(liquid, axis)) if axis in liquid.periodic else 0 for axis in ("x", "y", "z")], np.int64)
     low, high = bounds(scene, liquid)
     around = repeats * liquid.spacing  # what leaves a period is not gone: it is taken back into it
     return LiquidModel(
-        *material,
+        *liquid_constants(material),
         spacing=liquid.spacing,
         origin=origin(scene, liquid),
         period=repeats,
-        no_slip=material.shear_modulus > 0.0 if liquid.walls is None else liquid.walls == "no-slip",
+        no_slip=sticks(material, liquid.walls),
         low=low - around,
         high=high + around,
     )

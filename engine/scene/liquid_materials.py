@@ -98,6 +98,13 @@ def known_liquids(materials: dict[str, LiquidMaterial]) -> dict[str, LiquidMater
     return LIQUID_PRESETS | materials
 
 
+def sticks(material: LiquidMaterial, walls: Literal["slip", "no-slip"] | None) -> bool:
+    """Return whether liquid sticks to `walls`: by default where it is elastic, and never without viscosity."""
+    if material.shear_modulus is None and material.consistency == 0.0:
+        return False
+    return material.shear_modulus is not None if walls is None else walls == "no-slip"
+
+
 def liquid_constants(material: LiquidMaterial) -> LiquidConstants:
     """Return the constants that the engine takes: infinite or zero where the material has none."""
     yield_stress, consistency = material.yield_stress, material.consistency

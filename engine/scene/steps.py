@@ -101,6 +101,7 @@ class LiquidStep(Part):
     plastic_flow: Literal["implicit", "analytic"] = LiquidSettings.plastic_flow
     """How stress beyond yield relaxes: by implicit Euler, or by the closed form for a strain that is held."""
     shear: Literal["implicit", "explicit"] = LiquidSettings.shear
-    """Whether shear stress acts as it is at the end of a step or at its start; explicit, it needs short steps."""
+    """Whether the shear stress of elastic strain acts as it is at the end of a step or at its start; explicit, it needs short
+    steps, and walls brake what sticks to them by more than stress does. That of a Newtonian liquid is implicit where needed."""
     pressure: Literal["implicit", "explicit"] = LiquidSettings.pressure
     """The same of pressure; explicit for liquids that have a bulk modulus only."""

@@ -2,7 +2,7 @@
 
 Shear stress comes first, then pressure, each implicit where settings do not say otherwise. What is absent costs nothing: a
 liquid without elastic strain keeps none, one that is incompressible knows no volume, and viscosity that diffuses by less than
-`DIFFUSES` of a cell in a step is taken along by the transfer.
+`DIFFUSES` of a cell in a step is taken along by the transfer, unless it sticks to walls.
 """
 
 from dataclasses import dataclass, replace
@@ -46,7 +46,7 @@ class Flow:
     filled: Floats  # share of cells, shape [B, 64]
     depth: Floats  # of cell centres below the surface [spacings], shape [B, 64]
     compression: Floats  # of cells, shape [B, 64]; [0, 64] where nothing is compressed
-    inertia: Floats | None = None  # its share in what holds faces back, beside implicit stress, shape [3, B, 64]
+    inertia: Floats | None = None  # that of `Sheared`, where there is a boundary layer
 
 
 class LiquidStepper:
@@ -290,9 +290,10 @@ class LiquidStepper:
                         state.plastic_strain)
             if state.compression is not None and np.isfinite(model.tearing_strain):
                 evolve.tear(state.plastic_strain, model.tearing_strain, state.compression)
-        if self._has_boundary_layer(h) and flow.begin is not None and flow.end is not None:
+        if flow.inertia is not None and flow.begin is not None and flow.end is not None:
             extend(grid, flow.begin, flow.end, h, flow.walls.mirror.face, flow.mass, flow.inertia, flow.u)
-            to_particles(grid, state.x, flow.u, state.velocity, state.affine)
+            near_walls = grid._replace(turn=grid.turn[flow.walls.near[grid.turn]])
+            to_particles(near_walls, state.x, flow.u, state.velocity, state.affine)
         evolve.shift(grid, state.x, by)
         evolve.move(state.x, state.velocity, h)
         if flow.begin is not None and flow.end is not None:

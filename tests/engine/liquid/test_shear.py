@@ -143,6 +143,22 @@ def test_the_solve_keeps_momentum_and_leaves_what_moves_rigidly(changes):
     np.testing.assert_allclose(solved.u, falling, atol=1e-9)
 
 
+def test_inertia_rules_where_little_diffuses_in_a_step_and_stress_where_much_does():
+    """Its share falls from 1 with viscosity h / (density spacing^2), and has none where liquid slips."""
+    median = []
+    for consistency in (2e-3, 2.0, 2e4):
+        lump = Lump(consistency=consistency, no_slip=True)
+        u = lump.random_velocities(1)
+        mirror = open_space(lump.grid).mirror
+        found = shear_solve(lump.grid, lump.model, LiquidSettings(), lump.x, lump.volume, None, mirror, lump.mass, u, u, H)
+        assert found.inertia.min() >= 0.0 and found.inertia.max() <= 1.0 and not found.inertia[lump.mass == 0].any()
+        median.append(np.median(found.inertia[lump.mass > 0.5 * lump.mass.max()]))
+    assert median[0] > 0.999 and 0.95 < median[1] < 0.999 and median[2] < 0.1
+    slips = Lump(consistency=2.0)
+    found = shear_solve(slips.grid, slips.model, LiquidSettings(), slips.x, slips.volume, None, mirror, slips.mass, u, u, H)
+    assert found.inertia is None
+
+
 def test_the_same_bits_on_any_number_of_threads():
     lump = Lump(**CREAM)
     mirror = open_space(lump.grid).mirror
