@@ -1,4 +1,4 @@
-"""Liquid: particle-steps per second of a step and its parts, and bytes a particle, against the number of particles."""
+"""Liquid: particle-steps per second of a step and its parts against the number of particles."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import is_dataclass
@@ -8,7 +8,6 @@ from time import perf_counter
 
 import numba
 import numpy as np
-from numba.core import event
 
 from engine.arrays import Floats
 from engine.bench import peer_mpm
@@ -20,7 +19,6 @@ from engine.liquid.grid import Grid, sorted_grid, taken
 from engine.liquid.model import LiquidModel, LiquidState
 from engine.liquid.shear import add_elastic_impulse, add_tangent_impulse
 from engine.liquid.transfer import to_grid, to_particles
-from engine.run.memory import ProgramMemory, give_back_large_arrays, memory_peak
 from engine.scene.build import build
 from engine.scene.load import load_scene
 from engine.steppers.liquid import LiquidStepper
@@ -48,20 +46,16 @@ def liquid_small() -> Iterator[Measurement | Note]:
 
 
 def measurements(counts: Sequence[int]) -> Iterator[Measurement | Note]:
-    """Yield the rows of blocks of about so many particles, which ascend: memory is that of the largest yet."""
-    give_back_large_arrays()
-    program = ProgramMemory()
-    with event.install_listener(ProgramMemory.EVENT, program):
-        for count in counts:
-            for material in STAGES:
-                yield from of_block(material, count, program)
+    """Yield the rows of blocks of about so many particles."""
+    for count in counts:
+        for material in STAGES:
+            yield from of_block(material, count)
     if not peer_mpm.installed():
         yield Note(f"{peer_mpm.NAME} is not installed")
 
 
-def of_block(material: str, particles: int, program: ProgramMemory) -> Iterator[Measurement]:
-    """Yield a block's rows; no resident memory where earlier work held as much."""
-    earlier = memory_peak()
+def of_block(material: str, particles: int) -> Iterator[Measurement]:
+    """Yield a block's rows."""
     block = Block(material, particles)
     count, model, state = len(block.state.x), block.model, block.state
     block.take(WARM_UP)
@@ -73,8 +67,6 @@ def of_block(material: str, particles: int, program: ProgramMemory) -> Iterator[
                   "linear": sum(report.linear_iterations for report in reports) / TIMED}
     memory = {"state_bytes": bytes_of(state) / count,
               "grid_bytes": bytes_of((block.stepper.flow, block.stepper.wet)) / count}
-    if (peak := memory_peak()) > earlier:
-        memory["resident_bytes"] = (peak - program.bytes) / count
     yield measured(f"{material}, step", seconds=median(seconds), error=error,
                    details={f"{stage.replace(' ', '_')}_s": spent for stage, spent in stages.items()} | iterations | memory)
     for stage in STAGES[material]:

@@ -45,7 +45,7 @@ class Grid(NamedTuple):
         return np.zeros((len(self.place), CELLS))
 
 
-def sorted_grid(model: LiquidModel, x: Floats) -> tuple[Grid, Ints]:
+def sorted_grid(model: LiquidModel, x: Floats) -> tuple[Grid, Indices]:
     """Return the grid for particles at x [P, 3] [m], and the order [P] in which they have to be taken to be sorted by blocks.
 
     Places lie within the period of space along the axes that have one.
@@ -182,7 +182,7 @@ def _counted(rank, slot, blocks):
         start[slot[rank[p]] + 1] += 1
     for b in range(blocks):
         start[b + 1] += start[b]
-    at, order = start[:-1].copy(), np.empty(len(rank), np.int64)
+    at, order = start[:-1].copy(), np.empty(len(rank), np.int32)
     for p in range(len(rank)):
         b = slot[rank[p]]
         order[at[b]] = p

@@ -109,12 +109,14 @@ def _model(scene: Scene, liquid: Liquid) -> LiquidModel:
 
 def _state(liquid: Liquid, model: LiquidModel, solids: Solids) -> LiquidState:
     parts = [_particles(liquid, i, model, solids) for i in range(len(liquid.initial))]
-    x, velocity, affine, volume = (
+    x, velocity, volume = (
         np.concatenate([np.zeros((0, *shape)), *values])
-        for shape, values in zip(((3,), (3,), (3, 3), ()), zip(*parts, strict=True) if parts else ((),) * 4, strict=True)
+        for shape, values in zip(((3,), (3,), ()), zip(*parts, strict=True) if parts else ((),) * 3, strict=True)
     )
+    gradients = np.array([_gradient(shape) for shape in liquid.initial]).reshape(-1, 3, 3)
+    counts = np.array([len(values) for values, _, _ in parts], np.int64)
     return LiquidState(
-        x=x, velocity=velocity, affine=affine, volume=volume,
+        x=x, velocity=velocity, affine=np.repeat(gradients, counts, axis=0), volume=volume,
         strain=np.tile(IDENTITY, (len(x), 1)) if model.elastic else None,
         compression=None if model.incompressible else np.ones(len(x)),
         plastic_strain=np.zeros(len(x)) if model.elastic else None,
@@ -123,18 +125,22 @@ def _state(liquid: Liquid, model: LiquidModel, solids: Solids) -> LiquidState:
     )
 
 
-def _particles(liquid: Liquid, i: int, model: LiquidModel, solids: Solids) -> tuple[Floats, Floats, Floats, Floats]:
-    """Places, velocities, their gradients and volumes of the particles in shape `i` that are in none before it."""
+def _particles(liquid: Liquid, i: int, model: LiquidModel, solids: Solids) -> tuple[Floats, Floats, Floats]:
+    """Places, velocities and volumes of the particles in shape `i` that are in none before it."""
     shape, random = liquid.initial[i], np.random.default_rng((liquid.seed, i))
     x, volume = seeded(shape, own_pitch(liquid, shape), liquid.jitter, random)
-    spin = np.array([radians(rate) for rate in shape.angular_velocity])
-    velocity = np.array(shape.velocity) + np.cross(spin, x - _middle(shape))
+    velocity = np.array(shape.velocity) + (x - _middle(shape)) @ _gradient(shape).T
     x = _within_period(model, x)
     free = ~inside(solids, x)
     for earlier in liquid.initial[:i]:
         free &= ~holds(earlier, x)
-    gradient = np.cross(spin, np.eye(3)).T
-    return x[free], velocity[free], np.tile(gradient, (int(free.sum()), 1, 1)), volume[free]
+    return x[free], velocity[free], volume[free]
+
+
+def _gradient(shape: LiquidShape) -> Floats:
+    """Velocity gradient [1/s] of a shape that turns, shape [3, 3]."""
+    spin = np.array([radians(rate) for rate in shape.angular_velocity])
+    return np.cross(spin, np.eye(3)).T
 
 
 def _within_period(model: LiquidModel, x: Floats) -> Floats:

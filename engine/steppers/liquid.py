@@ -13,7 +13,7 @@ from engine.arrays import Flags, Floats
 from engine.geometry.solids import Solids
 from engine.liquid import evolve
 from engine.liquid.boundary_layer import extend
-from engine.liquid.grid import Grid, face_means, sorted_grid, taken
+from engine.liquid.grid import Grid, Indices, face_means, sorted_grid, taken
 from engine.liquid.mirror import collect_mass, collect_momentum, reflect
 from engine.liquid.model import LiquidModel, LiquidState
 from engine.liquid.observe import of_cells, stressed
@@ -60,14 +60,14 @@ class LiquidStepper:
         self.wet: Wet | None = None
         self.pressure = np.zeros(0)  # of wet cells in the last step [Pa]
         self.particle_pressure = np.zeros(0, np.float32)  # [Pa], shape [P]
-        self.order = np.zeros(0, np.int64)  # which particle before the last step each one was, shape [P]
+        self.order: Indices = np.zeros(0, np.int32)  # which particle before the last step each one was, shape [P]
 
     def step(self, state: LiquidState, h: float, begin: Solids | None = None, end: Solids | None = None) -> StepReport:
         """Advance `state` by `h` [s], in which solids move from `begin` to `end`; a rejected step only reorders particles."""
         report, watch = StepReport(), Stopwatch()
         report.residual, self.flow, self.wet = 0.0, None, None
         if not len(state.x):
-            self.order, self.particle_pressure, report.accepted = np.zeros(0, np.int64), np.zeros(0, np.float32), True
+            self.order, self.particle_pressure, report.accepted = np.zeros(0, np.int32), np.zeros(0, np.float32), True
             return report
         if not self._is_slow_enough(float(np.abs(state.velocity).max()), h, report):
             return report
@@ -122,6 +122,7 @@ class LiquidStepper:
 
     def _sort(self, state: LiquidState) -> Grid:
         """Take particles in the order of the grid that they lie on."""
+        self.order = np.zeros(0, np.int32)  # that of the last step goes before memory is at its peak
         grid, order = sorted_grid(self.model, state.x)
         self.order = order
         for name, values in vars(state).items():
@@ -269,7 +270,7 @@ class LiquidStepper:
         moved = accelerate(flow.grid, wet.row, q, np.zeros(len(q)), flow.depth, flow.walls.open, factor, by)
         spread_outwards(flow.grid, flow.mass, moved, by)
         limit = SPREAD_LIMIT * model.spacing
-        return np.clip(by, -limit, limit)
+        return np.clip(by, -limit, limit, out=by)
 
     def _to_particles(self, flow: Flow, wet: Wet, p: Floats, rate: Floats, by: Floats, state: LiquidState) -> None:
         """Map velocities back, strain particles and move them (items 7 to 12).

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from engine.bench import liquid as bench
-from engine.bench import peer_mpm, suite
+from engine.bench import liquid_memory, peer_mpm, suite
 from engine.bench.suite import Measurement, Note
 from engine.liquid.observe import energies
 from engine.liquid.settings import LiquidSettings
@@ -79,3 +79,11 @@ def test_the_peer_steps_the_same_block():
 
 def test_both_sets_are_in_the_suite():
     assert {"liquid", "liquid-small"} <= set(suite.benchmarks())
+
+
+def test_memory_is_that_of_a_process_of_its_own():
+    water, cream = liquid_memory.measurements([FEW])
+    assert [row.case for row in (water, cream)] == ["water, step", "milk-cream, step"]
+    for row in (water, cream):
+        assert row.size == FEW and row.details["resident_bytes"] > row.details["state_bytes"] + row.details["grid_bytes"] > 128.0
+    assert "liquid-memory" in suite.benchmarks()
