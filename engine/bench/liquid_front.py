@@ -13,7 +13,7 @@ from engine.scene.liquid_materials import LiquidMaterial
 from engine.validate import liquid_film, liquid_volume
 from engine.validate.liquids import EARTH, PER_SIDE
 
-FILM_CELLS, FILM_STEPS, FILM_COURANT = (8, 16, 32), (1.5e-3, 5e-4, 1.5e-4), 1.0  # steps [s], none beyond that Courant number
+FILM_CELLS, FILM_STEPS, FILM_COURANT = (8, 16, 32), (1.5e-3, 5e-4, 1.5e-4), 0.9  # steps [s], none beyond that Courant number
 FRONT_CELLS, FRONT_COURANTS = (4, 8, 16), (0.8, 0.4)
 FINEST = (32, 0.4)  # cells and Courant number of the dam break that all others are compared with
 BREADTH = 0.05715  # of the column, 2.25 inches [m]
