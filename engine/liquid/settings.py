@@ -16,3 +16,4 @@ class LiquidSettings:
     plastic_flow: Literal["implicit", "analytic"] = "implicit"  # how stress beyond yield relaxes in a step
     shear: Literal["implicit", "explicit"] = "implicit"  # when in the step shear stress acts: at its end or its start
     pressure: Literal["implicit", "explicit"] = "implicit"  # the same of pressure; that of the incompressible is implicit
+    spread: float = 0.5  # of what particles are too dense or too sparse, that a step mends, whatever its size

@@ -1,5 +1,6 @@
 """A liquid as the time loop sees it: model, state and stepper of a scene, sources and sinks, and what to observe of it."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,8 @@ class LiquidInMotion:
         assert built.liquid is not None and built.liquid_state is not None
         assert built.sources is not None and built.sinks is not None
         self.model, self.state, self.gravity = built.liquid, built.liquid_state, np.asarray(built.gravity, float)
-        self.stepper, self._sampler = (LiquidStepper(self.model, self.gravity, built.liquid_settings) for _ in range(2))
+        self.stepper = LiquidStepper(self.model, self.gravity, built.liquid_settings)
+        self._sampler = LiquidStepper(self.model, self.gravity, replace(built.liquid_settings, spread=0.0))
         self.nodes = estimate(scene).particles
         self.report_keys = {"linear_iterations"}
         self.varying = frozenset(f"liquid.{name}" for name, values in vars(self.state).items()
@@ -85,7 +87,10 @@ class LiquidInMotion:
         return {"liquid": LiquidFrame(**arrays)}
 
     def half_step_errors(self, before: dict[str, NDArray], time: float, h: float) -> dict[str, float] | None:
-        """Return the largest difference of places `x` [m] to two half steps, of particles that all have."""
+        """Return the largest difference of places `x` [m] to two half steps, of particles that all have.
+
+        Without what spreads particles, which every step does as much, whatever its size.
+        """
         whole, order = _state_of(before), np.arange(len(before["liquid.x"]))
         _, whole_order = self._advance(self._sampler, whole, time, h)
         halves = _state_of(before)

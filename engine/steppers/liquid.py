@@ -27,7 +27,6 @@ from engine.liquid.walls import Walls, fold, open_space, push_out, walls
 from engine.steppers.step_report import StepReport, Stopwatch
 
 DIFFUSES = 0.05  # viscosity h / (density spacing^2), below which an explicit step is as good
-SPREAD = 0.5  # of what particles are too dense or too sparse, that a step mends
 NOISE = 0.1  # by which cells near the surface look too full when they are not: with less, liquid swells by up to 1.5 %
 SPREAD_TOLERANCE, SPREAD_LIMIT = 1e-2, 0.1  # of its linear solve; spacings that it moves a particle by, at most
 
@@ -260,12 +259,13 @@ class LiquidStepper:
 
         They are the gradient of a potential, found like the pressure, and have nothing to do with velocities.
         """
-        model = self.model
+        model, by = self.model, flow.grid.faces()
+        if self.settings.spread == 0.0:
+            return by
         _, twice = deep(flow.grid, flow.filled, flow.walls.distance)
         excess = flow.filled - 1.0
         wrong = np.where(twice, excess, np.maximum(excess - NOISE, 0.0)).reshape(-1)[wet.cell]
-        q, _ = pressure(wet, SPREAD * wrong, SPREAD_TOLERANCE, self.settings.max_linear)
-        by = flow.grid.faces()
+        q, _ = pressure(wet, self.settings.spread * wrong, SPREAD_TOLERANCE, self.settings.max_linear)
         factor = self._acceleration(flow)
         moved = accelerate(flow.grid, wet.row, q, np.zeros(len(q)), flow.depth, flow.walls.open, factor, by)
         spread_outwards(flow.grid, flow.mass, moved, by)
