@@ -46,7 +46,7 @@ class KeptProcess:
                 pass
             self.pid = None
             if self._closing.is_set():
-                _end(process)
+                end(process)
                 return
             failures = 0 if time.monotonic() - began > STEADY else failures + 1
             wait = PATIENCE[min(failures, len(PATIENCE) - 1)]
@@ -55,7 +55,8 @@ class KeptProcess:
             self._closing.wait(wait)
 
 
-def _end(process: subprocess.Popen) -> None:
+def end(process: subprocess.Popen) -> None:
+    """Ask a process to end, and end it if it has not after CLOSE_GRACE."""
     process.terminate()
     try:
         process.wait(CLOSE_GRACE)

@@ -19,6 +19,7 @@ from fastapi.responses import FileResponse, Response
 
 from engine.run.compile_cache import cache_parent
 from engine.run.files import ASIDE
+from service.kept import end
 from service.problems import ProblemError
 
 router = APIRouter(prefix="/recording", include_in_schema=False)
@@ -67,8 +68,7 @@ def viewer_files() -> Path:
         except (httpx.HTTPError, OSError) as error:
             raise ProblemError(503, f"The recording viewer could not be prepared: {error}") from error
         finally:
-            server.terminate()
-            server.wait()
+            end(server)
     return directory
 
 

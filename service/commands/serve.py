@@ -104,6 +104,7 @@ def view(
     data: Data = DEFAULT_DATA, viewer_port: ViewerPort = 8766, open_page: Open = True,
 ) -> None:
     """Show finished or running jobs in 3D, without a service."""
+    from service.kept import end
     from service.server import CannotServe, free_port, viewer_command
 
     directory = Path(what) if Path(what).is_dir() else data / what
@@ -127,8 +128,7 @@ def view(
     except KeyboardInterrupt:
         code = 0
     finally:
-        viewer.terminate()
-        viewer.wait()
+        end(viewer)
     if code:
         fail(f"the viewer ended with code {code}")
 
