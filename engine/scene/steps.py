@@ -105,3 +105,5 @@ class LiquidStep(Part):
     steps, and walls brake what sticks to them by more than stress does. That of a Newtonian liquid is implicit where needed."""
     pressure: Literal["implicit", "explicit"] = LiquidSettings.pressure
     """The same of pressure; explicit for liquids that have a bulk modulus only."""
+    spread: Annotated[float, Field(ge=0, le=1)] = LiquidSettings.spread
+    """Share of what particles are too dense or too sparse, that a step mends by moving them; with 0, volume drifts."""
