@@ -62,7 +62,7 @@ def extend(grid, begin, end, h, behind, mass, inertia, u):
     less is the share of `inertia` [3, B, 64] in what holds faces back. The part along the normal turns about at the wall. Mirror
     images stay where two walls meet, and where liquid is less than two faces thick. Walls move from `begin` to `end` in h [s];
     faces without `mass` [3, B, 64] [kg] have no velocity to look at. Flows that are even, or grow evenly from the wall, are
-    exact.
+    exact. The papers have no such step.
     """
     flat, share_of, before = u.reshape(-1), inertia.reshape(-1), mass.reshape(-1) > 0.0
     before[behind] = False
